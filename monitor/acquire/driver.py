@@ -96,7 +96,8 @@ class Driver(Protocol):
         Where a program lends the arm, the phase `node` comes before `ready`, with `passed_by` and a `text` for each node at which the arm
         was not taken; `taken` says that it was, and `given_back` that the program has it again. A session that was not told `go` gives it
         back after `stop`, and after whatever it refuses itself.
-        It takes the words `go`, without which nothing moves, `stop`, and while the arm moves `here` from whoever watches it: without that
+        It takes the words `go`, without which nothing moves, `stop`, `back`, after which a lent arm that has moved goes back over the
+        way it came and is given back, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. Raises SessionEnded where no process can be started.
         """
 

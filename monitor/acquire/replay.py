@@ -184,7 +184,7 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
         moved=watch.in_control or watch.borrowed,
         at_rest=at_rest,
         unknown=unknown,
-        phase=watch.last_motion,
+        phase="" if watch.given_back else watch.last_motion,  # the program that has its arm back moves it now
         home_q=home_q,
         borrowed=watch.borrowed,
     )

@@ -109,7 +109,8 @@ class Watch:
         self.last_motion = ""  # the last phase that moves the arm from one place to another; empty: none has begun
         self._gone = False  # the session was told `go`
         self.borrowed = False  # a program has lent the arm, and not got it back
-        self._given_back = False
+        self.given_back = False  # … and got it back
+        self._bringing_back = False  # a lent arm, asked to stop, goes back over the way it came
         self.refusal: Exception | None = None  # what refused the motion after the arm was taken, or while its node is waited for
         self._passed_by = ""  # why the arm was not taken at the program's last node
         self._window_at = 0.0  # when the time of the replay was last looked at (monotonic)
@@ -133,7 +134,7 @@ class Watch:
     def may_move(self) -> bool:
         """A program of ours may still run: the session was told `go`, and has neither ended its program nor been refused control."""
         message = self.last_message
-        if self._given_back or not (self._gone or self.borrowed):
+        if self.given_back or not (self._gone or self.borrowed):
             return False
         return self.borrowed or message is None or (message["kind"] == "failed" and not message.get("ended", False))
 
@@ -173,6 +174,10 @@ class Watch:
                 if not self._gone and not self._lent:  # nothing moves yet
                     self.interruption = Interruption(reason.cause, f"{reason.text} before the arm moved")
                     return
+                self._bringing_back = self.borrowed and self._gone and reason.cause == "parent_asked_to_stop"
+                session.send("back" if self._bringing_back else "stop")
+            elif self._bringing_back and (reason := self._reason_against_motion()) is not None:
+                self.asked, self._asked_at, self._bringing_back = reason, now, False
                 session.send("stop")
             if self._gone and now - self._beat_at >= BEAT_EVERY_S:
                 self._beat_at = now
@@ -233,6 +238,10 @@ class Watch:
         """Why the arm must come to rest, along its path."""
         if self.caller.should_stop():
             return Interruption("parent_asked_to_stop", "stopped on request")
+        return self._reason_against_motion()
+
+    def _reason_against_motion(self) -> Interruption | None:
+        """Why the arm must not move any longer, not even back."""
         if (why := self.caller.forbidden()) is not None:
             return Interruption("motion_forbidden", why)
         return self.oversight.finding
@@ -255,8 +264,8 @@ class Watch:
         elif frame["kind"] == "passed_by":
             self._passed_by = frame["text"]
         elif frame["kind"] in {"taken", "given_back"}:
-            self.borrowed, self._given_back = frame["kind"] == "taken", frame["kind"] == "given_back"
-        elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or not (self._given_back or self.phase in NOTHING_SENT)):
+            self.borrowed, self.given_back = frame["kind"] == "taken", frame["kind"] == "given_back"
+        elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or not (self.given_back or self.phase in NOTHING_SENT)):
             self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
         elif frame["kind"] not in {"alive", "waiting"}:
             self.last_message = frame
@@ -271,7 +280,7 @@ class Watch:
         elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S) - TIME_ROUNDING_S:
             text = f"the child process said nothing for {1000.0 * self._silent_s:.0f} ms in the phase {self.phase!r}"
             self.interruption = Interruption("timeout", text)
-        elif self.asked is not None and now - self._asked_at > STOP_PATIENCE_S:
+        elif self.asked is not None and not self._bringing_back and now - self._asked_at > STOP_PATIENCE_S:
             text = f"{self.asked.text}; the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"
             self.interruption = Interruption(self.asked.cause, text)
         return self.interruption is not None

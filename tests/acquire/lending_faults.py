@@ -114,7 +114,7 @@ def run_fault(cell: Cell, fault: Fault, phase: str, delay_s: float, robot: str, 
 
     `local`: the controller is in local control, where the dashboard acts for nobody, and whoever pauses the program cannot be told from us.
     """
-    _play(cell)
+    play(cell)
     if local and "pendant" not in fault.name:
         cell.fault("remote", state="off")
     before, wrong = cell.truth, []
@@ -169,7 +169,7 @@ def _stood(truth: dict, struck_s: float) -> float | None:
     return min(stood) if stood else (None if not truth["standing"] else 0.0)
 
 
-def _play(cell: Cell) -> None:
+def play(cell: Cell) -> None:
     """A cell whose program plays, whatever was before."""
     truth = cell.truth
     with contextlib.suppress(OSError):

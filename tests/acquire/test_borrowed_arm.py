@@ -82,6 +82,17 @@ def test_a_request_to_stop_while_the_node_is_awaited_leaves_the_program_alone(ce
     assert goes_on(cell)
 
 
+def test_a_request_to_stop_in_the_middle_brings_the_arm_back_over_its_way(cell):
+    """Whoever restarts the monitor does not stop production."""
+    seen: list[ReplayProgress] = []
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, cell.settings(), on_progress=seen.append, should_stop=lambda: bool(seen) and seen[-1].rows > 150)
+    assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("parent_asked_to_stop", False, False)
+    assert "has its arm back" in str(ended.value)
+    assert "way_back" in {at.phase for at in seen}
+    assert goes_on(cell)
+
+
 def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
     """The dashboard may stop nothing there. The node itself stops the arm, ends the program, and a person is asked for."""
     cell.fault("remote", state="off")

@@ -20,6 +20,7 @@ from monitor.acquire.safety import guard
 from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.safety.first_pass import band_for
 from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.way import Left
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.job import task_from_document
@@ -238,20 +239,44 @@ def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
 
     Raises StreamFailure; Stopped where a stop was asked for, with the arm at rest and the control program ended.
     """
-    way = known.way_from_position(begin_q)
+    way, on_path = known.way_from_position(begin_q), False
     excitation, there, back = way.excitation, way.to_start(arm.settings), way.to_home(arm.settings)
     try:
         stream(arm, "approach" if way.back_from_s is None else "way_back", there.duration_s, there.at)
         settle(arm)
+        on_path = True
         stream(arm, "play", excitation.duration_s, lambda tau_s: excitation.at(np.array([tau_s])).q[0], keep=True)
+        on_path = False
         stream(arm, "return", back.duration_s, back.at)
         settle(arm)
     except Stopped:
         settle(arm)
         if arm.node is None:
             finish(arm)
+        elif arm.bring_back:
+            _bring_back(arm, known, begin_q, on_path=on_path)
         raise
     finish(arm)
+
+
+def _bring_back(arm: Arm, known: ConditionInputs, begin_q: Array, *, on_path: bool) -> None:
+    """Bring a lent arm, which rests where a stop was asked for, back over the way it came to begin_q (J,), and give it back.
+
+    Raises StreamFailure; Stopped where another stop was asked for meanwhile: the arm rests there, and is not given back.
+    """
+    here, cause = arm.recent[-1], arm.asked_to_stop
+    left = Left(path_digest=known.excitation.path_digest, on_path=on_path, q=tuple(here), home_q=tuple(begin_q), free=True)
+    way = replace(known, left=left).way_from_position(here)
+    if on_path and way.back_from_s is None:
+        raise StreamFailure("astray", f"the arm rests {way.off_path_rad:.2f} rad from its trajectory: there is no way back along it")
+    there, back = way.to_start(arm.settings), way.to_home(arm.settings)
+    arm.asked_to_stop = None
+    stream(arm, "way_back", there.duration_s, there.at)
+    settle(arm)
+    stream(arm, "return", back.duration_s, back.at)
+    settle(arm)
+    finish(arm)
+    arm.asked_to_stop = cause
 
 
 def main() -> None:
@@ -285,7 +310,8 @@ def main() -> None:
         cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
         why = f"the monitor's own process said nothing for {UNWATCHED_S:g} s" if cause == "late" else "stopped on request"
         ended = arm is None or arm.node is None or not arm.program_sent  # a lent arm away from its place is not given back
-        outbox.message("failed", cause=cause, text=f"{why}; the arm stands", ended=ended)
+        where = "the program has its arm back" if arm is not None and arm.node is not None and ended else "the arm stands"
+        outbox.message("failed", cause=cause, text=f"{why}; {where}", ended=ended)
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))
     except MonitorError as error:

@@ -72,6 +72,7 @@ class Arm:
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.program_sent = False  # a program of ours may run
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
+        self.bring_back = False  # asked so that a lent arm may go back over the way it came, and be given back
         self._heard_at = time.monotonic()  # when the parent last said anything
         self.may_go = False
         self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
@@ -390,7 +391,7 @@ class Arm:
             self._heard_at = time.monotonic()
         elif self._moving and self.asked_to_stop is None and time.monotonic() - self._heard_at > UNWATCHED_S:
             self.asked_to_stop = "late"  # the parent asks whether motion is still allowed: without it nobody does
-        if word == "stop":
-            self.asked_to_stop = "parent_asked_to_stop"
+        if word in {"stop", "back"}:
+            self.asked_to_stop, self.bring_back = "parent_asked_to_stop", word == "back"
         elif word == "go":
             self.may_go = True
