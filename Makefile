@@ -36,6 +36,7 @@ card: $(STAMP) ## what the verdicts are worth: docs/validation.md from a seeded 
 
 docs: $(STAMP) ## the pages that are generated, and the site of all pages in build/site
 	$(BIN)/python docs/site/reference.py
+	$(BIN)/python docs/site/program_tree.py
 	$(BIN)/mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "build/site/index.html"
 

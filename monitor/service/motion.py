@@ -167,7 +167,8 @@ def move(
             if not error.borrowed:
                 given_back()
             ended, after = error, None
-            if error.moved and error.cause in ReplayAborted.HARMLESS:
+            with_us = settings.lent is None or error.borrowed  # else the program has its arm, and moves it
+            if with_us and error.moved and error.cause in ReplayAborted.HARMLESS:
                 after = look(chosen, settings, clean=error.at_rest, should_stop=should_stop)
                 ended = judged_end(error, after)
             left = left_by(ended, after, played, before)

@@ -2,6 +2,7 @@
 
 import socket
 from contextlib import suppress
+from ipaddress import ip_address
 
 from monitor.acquire.hand_over.server import REQUEST
 from monitor.acquire.hand_over.settings import HandOver
@@ -36,6 +37,8 @@ def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
     if address is None:
         text = f"no route leads to {configuration.robot.host}: the program's node cannot reach this host"
         return ConditionResult(name=NAME, holds=False, text=text)
+    if ip_address(address).is_loopback and ip_address(lent.bind).is_loopback:
+        address = lent.bind  # a simulated controller, on this host, reaches every such address
     if lent.bind not in {EVERYWHERE, address}:
         text = f"the controller reaches this host as {address}, the server listens on {lent.bind} alone (replay.hand_over_listen)"
         return ConditionResult(name=NAME, holds=False, text=text)

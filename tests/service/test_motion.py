@@ -114,6 +114,38 @@ def test_a_complete_replay_leaves_nothing_and_a_stop_after_it_waits(configuratio
             moved(configuration, store, arm(DONE))
 
 
+class Lent:
+    """A window of the ledger that is entered when the arm is taken."""
+
+    def __init__(self, store: Store) -> None:
+        self.store, self.steps = store, []
+
+    def enter(self) -> int:
+        self.steps.append("entered")
+        return self.store.ledger.claim(1.0, "scheduled", 1.0) or self.store.ledger.rows(limit=1)[0].id
+
+    def taken(self) -> None:
+        self.steps.append("taken")
+
+    def given_back(self) -> None:
+        self.steps.append("given back")
+
+
+def test_a_lent_arm_enters_its_window_when_it_is_taken_and_its_program_may_move_it_afterwards(configuration: Configuration):
+    """Nothing is in the history before that, because days may pass. A program that goes on with its arm is no fault."""
+    state, lending = ready_state(), replace(configuration, replay=replace(configuration.replay, hand_over="script_node"))
+    lent = [phase("connect"), phase("node"), {"kind": "taken", "number": 7}, phase("ready")]
+    before = [*lent, {"kind": "state", "row": row(0, runtime_state=2).tolist()}]
+    driver = ScriptedDriver(ScriptedSession(before, [*PLAY, phase("finish"), {"kind": "given_back"}, DONE]))
+    driver.state = lambda *_: replace(state, runtime_state=2, qd=state.qd + 0.3)
+    with Store.open(configuration.state_directory) as store:
+        window = Lent(store)
+        assert moved(lending, store, driver, window=window) is None
+        assert window.steps == ["taken", "entered", "given back"]
+        assert [motion.ending for motion in store.motions.rows()] == ["done"]
+        assert causes(store) == []
+
+
 def test_a_full_disk_keeps_the_arm_where_it_is_or_asks_for_a_person(configuration: Configuration, monkeypatch: pytest.MonkeyPatch):
     """Before the motion: nothing moves. At its end: the motion keeps no end, and the next one is refused."""
 

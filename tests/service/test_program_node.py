@@ -153,7 +153,7 @@ def test_check_says_what_a_node_would_get_and_from_where(node: NodeText, config,
 
         threading.Thread(target=hang_up, daemon=True).start()
         assert not found(path).holds
-    assert "listens on 127.0.0.2 alone" in found(config("external_control", f"127.0.0.2:{free_port}")).text
+    assert "listens on 192.0.2.1 alone" in found(config("external_control", f"192.0.2.1:{free_port}")).text
     assert node_conditions(load(config("none"))) == ()
     assert own_address("127.0.0.1") == "127.0.0.1"
 
