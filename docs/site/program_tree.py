@@ -1,6 +1,6 @@
 """Draw the picture of docs/hand-over.md: the node in a program's tree, and what happens at it. `make docs` runs this.
 
-    python docs/site/program_tree.py
+python docs/site/program_tree.py
 """
 
 from html import escape
