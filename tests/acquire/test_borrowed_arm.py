@@ -114,3 +114,15 @@ def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
     assert cell.dashboard("programState") == "STOPPED cell.urp"
     assert truth["stops"][-1]["at_s"] - killed[0] <= STOP_WITHIN_S
     assert np.max(np.abs(np.array(truth["q"]) - AT_NODE)) > 0.02  # it stands where it was stopped
+
+
+def test_a_node_whose_guard_repeats_no_beat_gets_its_arm_back_unmoved(cell):
+    """As with the text of an earlier version, or where nothing would stop a lost arm: nothing moves, and the program goes on."""
+    cell.server.close()
+    cell.text = cell.text.replace("write_output_integer_register(17, jm_beat)", "jm_silent_s = 0.0")
+    cell.serve()
+    cell.tell("stop")
+    cell.tell("play")
+    with pytest.raises(MotionRefused, match="repeats no beat"):
+        replay(short(), UR5, cell.settings())
+    assert goes_on(cell)

@@ -148,11 +148,11 @@ def take_control(arm: Arm) -> Array:
 
 def _take_lent_control(arm: Arm) -> Array:
     """The position (J,) in which a lent arm stands, once its node is known to guard it. The control loop runs already."""
+    arm.outbox.message("phase", phase="control", duration_s=0.0)
     with _given_back_if_refused(arm):
         _raise_if_asked_to_stop(arm)
-    arm.outbox.message("phase", phase="control", duration_s=0.0)
-    borrow.prove_guard(arm)
-    arm.wait_for_full_speed()
+        borrow.prove_guard(arm)
+        borrow.at_full_speed(arm)
     return arm.begin()
 
 

@@ -22,6 +22,8 @@ from monitor.model.joint_names import joint_text
 from monitor.recording import Array
 
 NEAR_RAD = HandOverSettings().near_rad  # the node looks at the same limit, at its own target
+GIVEN_BACK = frozenset({"speed_scaling", "payload", "joint_temperature"})  # before the first motion these are no doubt about the arm
+QUIET_S = 2.0  # while the node is waited for, the controller may send nothing for so long; ur-rtde gives up after 2.5 s
 ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; it takes some ticks
 GUARD_S = 0.3  # the guard of a node that was taken repeats beats within that time
 GONE_ON_S = 0.3  # so long the program is watched after it got its arm back: a watchdog that was left behind would stop it after 0.1 s
@@ -45,7 +47,7 @@ def take(arm: Arm, known: ConditionInputs) -> None:
     node.say_due(True)
     until, number, why = time.monotonic() + lent.wait_s, None, ""
     while True:
-        row = arm.next_row()
+        row = _row_in_time(arm)
         if arm.asked_to_stop:
             leave_alone(arm)
             raise Stopped
@@ -62,6 +64,20 @@ def take(arm: Arm, known: ConditionInputs) -> None:
             leave_alone(arm)
             last = f"; at the last one: {why}" if why else "; is there a node in the program, and does it play?"
             raise MotionRefused(f"hand_over: no node at which the arm could be taken within {lent.wait_s / 3600.0:.3g} h{last}")
+
+
+def _row_in_time(arm: Arm) -> Array:
+    """The next row (WIDTH,), of a controller that may be silent for a while: the wait lasts hours, and nothing depends on one tick.
+
+    Raises StreamFailure.
+    """
+    while True:
+        try:
+            return arm.next_row()
+        except StreamFailure as failure:
+            if failure.cause not in {"stalled", "late"} or time.monotonic() - arm.seen_at > QUIET_S or arm.control is None:
+                raise
+            arm.control.report()
 
 
 def _why_not(row: Array, known: ConditionInputs) -> str:
@@ -94,7 +110,10 @@ def _takes(arm: Arm, number: int) -> bool:
 
 
 def prove_guard(arm: Arm) -> None:
-    """See the node's guard repeat beats: it is what stops the arm if this process dies. Raises StreamFailure."""
+    """See the node's guard repeat beats: it is what stops the arm if this process dies.
+
+    Raises MotionRefused where it does not, with an arm that has not moved; StreamFailure.
+    """
     node, begin_s = node_of(arm), arm.seen_at
     last_s = node.silent_s(arm.seen_at)
     repeated = 0
@@ -103,7 +122,18 @@ def prove_guard(arm: Arm) -> None:
         silent_s = node.silent_s(arm.seen_at)
         repeated += silent_s == 0.0 and last_s >= 0.0
         if arm.seen_at - begin_s > GUARD_S:
-            raise StreamFailure("no_watchdog", f"the guard of the program's node repeated {repeated} beats within {GUARD_S:g} s")
+            text = "the guard of the program's node repeats no beat, so nothing would stop a lost arm; is the node's text of this version?"
+            raise MotionRefused(f"hand_over: {text}")
+
+
+def at_full_speed(arm: Arm) -> None:
+    """Wait until the program plays at full speed, with an arm that has not moved. Raises MotionRefused, StreamFailure."""
+    try:
+        arm.wait_for_full_speed()
+    except StreamFailure as failure:
+        if failure.cause in GIVEN_BACK:
+            raise MotionRefused(f"{failure.cause}: {failure}") from None
+        raise
 
 
 def leave_alone(arm: Arm) -> None:
