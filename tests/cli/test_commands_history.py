@@ -105,6 +105,31 @@ def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path,
     assert "the same" in printed("assess", "--from-store", "--config", str(config))
 
 
+def imported_names(config: Path, files: list[Path]) -> list[str | None]:
+    """The names of the trajectories in the history, after each file was imported alone."""
+    for file in files:
+        assert json.loads(printed("import", "--config", str(config), str(file), "--json"))["assessed"] == 1
+    with Store.reader(config.parent / "history") as store:
+        return [read_recording(store.recordings.path(row.id)).context.trajectory_digest for row in store.ledger.rows()]
+
+
+def test_imported_recordings_of_one_motion_share_a_name_and_a_shorter_motion_has_its_own(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+    """Also where each comes alone: a shorter motion reads friction differently, and must not be held against the baseline of another."""
+    config = tmp_path / "cell.toml"
+    config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
+    files = []
+    for day, rows in enumerate((slice(None), slice(None), slice(0, recordings[2].samples * 7 // 10))):
+        made, context = recordings[day], Context(robot="ur5", recorded_at_unix_s=1.0e9 + day * DAY_S)
+        columns = ("t_s", "q", "qd", "qdd", "current", "torque", "target_current", "temperature_c")
+        cut = {name: value[rows] for name in columns if (value := getattr(made, name)) is not None}
+        files.append(tmp_path / f"day-{day}.parquet")
+        write_recording(files[-1], Recording(**cut, context=context))
+    first, again, shorter = imported_names(config, files)
+    assert first is not None
+    assert first == again
+    assert shorter not in (first, None)
+
+
 def test_every_past_verdict_is_recomputed_from_the_store(cell: Path):
     """All verdicts come out the same; an option beside --config is refused."""
     document = json.loads(printed("assess", "--from-store", "--config", str(cell), "--json"))

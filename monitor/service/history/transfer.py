@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pandas as pd
 from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
+from monitor.identify.signals.same_motion import with_motions
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
@@ -20,6 +22,7 @@ from monitor.store.store import Store
 
 AHEAD_S = 300.0  # [s] the clock of the host that made a recording may be so far ahead
 LONGEST_S = 2e11  # [s] until the year 8307; `datetime` has no later dates
+RECENT = 3  # assessed recordings of the history, with whose motions those of new ones are compared
 QUANTILES = ("p10", "p50", "p90")  # of remaining life, as a list in documents
 # each with the columns of an empty table, so that a reader finds a header
 TABLES = {
@@ -124,6 +127,8 @@ def export_recording(store: Store, replay: int, path: Path) -> Recording:
 def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
     """Assess recordings made elsewhere in the order of their times, and mark them as imported. Returns counts and rejections.
 
+    Recordings that name no trajectory get a name by their motion, so that another motion has a baseline of its own.
+
     Raises BadInput and changes nothing where a recording is not later than the last assessed one, is dated in the future, or was made
     with another mounting than this arm's.
     """
@@ -144,7 +149,7 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
                 "are learnt in time order: import them before the first replay, or into a history of their own"
             )
     result: dict[str, Any] = {"assessed": 0, "known_already": 0, "rejected": []}
-    for recording, _ in found:
+    for recording in _with_motions_of(store, [recording for recording, _ in found]):
         at = recording.context.recorded_at_unix_s or 0.0
         ledger_id = store.ledger.claim_import(at, time.time())
         if ledger_id is None:
@@ -159,6 +164,21 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
         else:
             result["assessed"] += 1
     return result
+
+
+def _with_motions_of(store: Store, recordings: Sequence[Recording]) -> Iterator[Recording]:
+    """The recordings in their order, each with the name that the history has for its motion.
+
+    A motion that the history holds without a name, as it was imported until 0.2.0, keeps none: a name would open another baseline.
+    """
+    paths = (store.recordings.path(row.id) for row in store.ledger.rows(limit=RECENT, states=("assessed",)))
+    earlier = [read_recording(path) for path in paths if path.is_file()]
+    named = list(with_motions([*earlier, *recordings]))
+    nameless = {
+        after.context.trajectory_digest for before, after in zip(earlier, named, strict=False) if before.context.trajectory_digest is None
+    }
+    for given, one in zip(recordings, named[len(earlier) :], strict=True):
+        yield given if one.context.trajectory_digest in nameless else one
 
 
 def _inside(at: float | None, from_unix_s: float | None, to_unix_s: float | None) -> bool:
