@@ -242,6 +242,8 @@ class Watch:
 
     def _reason_against_motion(self) -> Interruption | None:
         """Why the arm must not move any longer, not even back."""
+        if self._bringing_back:
+            self.caller.should_stop()  # it was asked, and hears from this replay that it is alive
         if (why := self.caller.forbidden()) is not None:
             return Interruption("motion_forbidden", why)
         return self.oversight.finding
