@@ -38,15 +38,20 @@ def stepped_replay(controller: Controller, excitation: Excitation, *, software: 
             return recording
 
 
-def play(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Generator[None, None, Recording]:
-    """`stepped_replay` as a generator that yields every `YIELD_EVERY` rows, so that the caller can do other work in between."""
+def play(
+    controller: Controller, excitation: Excitation, *, software: str | None = None, until_row: int | None = None
+) -> Generator[None, None, Recording]:
+    """`stepped_replay` as a generator that yields every `YIELD_EVERY` rows, so that the caller can do other work in between.
+
+    until_row : the replay is ended there; at its end where None.
+    """
     check(controller, excitation)
     obstacle = controller.programs.start_stepped()
     if obstacle:
         raise BadInput(f"stepped replay: {obstacle}")
     try:
         yield from _approach(controller, excitation.at(np.zeros(1)).q[0])
-        rows = yield from _rows(controller, excitation)
+        rows = yield from _rows(controller, excitation, until_row)
     finally:
         controller.stop_program("the stepped replay is over", kind="program_end")
     return _recording(controller, excitation, rows, software)
@@ -83,10 +88,10 @@ def _approach(controller: Controller, start: Array) -> Generator[None, None, Non
             yield
 
 
-def _rows(controller: Controller, excitation: Excitation) -> Generator[None, None, dict[str, Array]]:
+def _rows(controller: Controller, excitation: Excitation, until_row: int | None) -> Generator[None, None, dict[str, Array]]:
     _, path = excitation.sampled(RATE_HZ)
     ticks = round(1.0 / RATE_HZ / controller.clock.tick_s)
-    N, J = path.q.shape
+    N, J = path.q[:until_row].shape
     rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
     reference, modes, gain = controller.reference, controller.modes, controller.arm.gain_nm_per_a
     friction = controller.personality.target_friction_nm

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ from monitor.simulate.stepped import play, stepped_replay
 
 UR5 = load_robot("ur5")
 CONTEXT = Context(robot="ur5", payload_kg=0.0, mounting_rad=(0.0, 0.0, 0.0), tool="none")
+SEEN_ROWS = 200  # of a replay after the row at which an obstacle comes
+HARDEST = ("cold and worn", "noisy currents")
 SIZES = ("ur5-ground", "ur3e-wall", "ur10-ceiling", "ur20-ground")
 pytestmark = pytest.mark.xdist_group("learnt arms")  # one worker learns each arm once
 
@@ -46,8 +49,11 @@ def ur16e() -> Learnt:
 
 @pytest.mark.parametrize("normal", NORMAL)
 def test_what_is_normal_never_leaves_the_band(ur5, ur16e, normal):
-    """By the manufacturer's parameters, by the model, and with the profile of earlier replays: an aged or cold arm is recorded."""
-    for learnt in (ur5, ur16e):
+    """By the manufacturer's parameters, by the model, and with the profile of earlier replays: an aged or cold arm is recorded.
+
+    A large e-series arm on a wall is played where most is asked of the band; every arm in every circumstance is in the soak tests.
+    """
+    for learnt in (ur5, ur16e) if normal in HARDEST else (ur5,):
         recording = stepped_replay(arm_of(learnt.excitation, normal, seed=7), learnt.excitation)
         for basis in (BandBasis(), learnt.basis, learnt.with_profile):
             band = learnt.band(basis)
@@ -95,9 +101,9 @@ def test_a_spike_is_no_collision(ur5, spike_rows):
 
 
 def pressed(learnt: Learnt, at_row: int, normal: str, **obstacle) -> tuple[Recording, int]:
-    """A replay into which an obstacle comes at about this row, by the simulator's own physics; and the row after which it was there."""
+    """The rows of a replay until an obstacle has come, at about this row and by the simulator's own physics; and the row when it came."""
     arm = arm_of(learnt.excitation, normal, seed=11)
-    playing = play(arm, learnt.excitation)
+    playing = play(arm, learnt.excitation, until_row=at_row + SEEN_ROWS)
     begun, came = None, None
     while True:
         try:
@@ -111,6 +117,13 @@ def pressed(learnt: Learnt, at_row: int, normal: str, **obstacle) -> tuple[Recor
             came = round((arm.clock.now_s - begun) * 125.0)
 
 
+@lru_cache
+def free_replay(normal: str) -> Recording:
+    """What the replays of `pressed` are without an obstacle."""
+    excitation = shipped("ur5-ground")
+    return stepped_replay(arm_of(excitation, normal, seed=11), excitation)
+
+
 def _begun(arm: Controller, learnt: Learnt) -> bool:
     """Whether the play has begun: the arm moves faster than on its way to the start."""
     return float(np.max(np.abs(arm.arm.qd))) > 0.6
@@ -119,12 +132,14 @@ def _begun(arm: Controller, learnt: Learnt) -> bool:
 @pytest.mark.parametrize("normal", ["as learnt", "cold and worn"])
 def test_a_collision_in_an_ordinary_replay_is_found_within_a_tenth_of_a_second(ur5, normal):
     """A fifth of a joint's largest torque against its motion, at any joint, by the simulator's physics: also in a worn, cold arm."""
-    free = stepped_replay(arm_of(ur5.excitation, normal, seed=11), ur5.excitation)
+    free = free_replay(normal)
     for joint in range(1, 7):
         torque = 0.2 * float(UR5.max_torque_nm[joint - 1])
         recording, _ = pressed(ur5, 300 + 60 * joint, normal, joint=joint, torque=torque)
         found = first_outside(ur5.band(), recording, ur5.excitation.pass_s)
-        began = int(np.flatnonzero(np.any(np.abs(free.current - recording.current) > 1e-9, axis=1))[0])  # the first row that differs
+        began = int(
+            np.flatnonzero(np.any(np.abs(free.current[: recording.samples] - recording.current) > 1e-9, axis=1))[0]
+        )  # the first row that differs
         assert found is not None, joint
         assert found[1].startswith(f"{joint_text(joint)} needs")
         assert (found[0] - began) / 125.0 <= 0.1
@@ -133,10 +148,10 @@ def test_a_collision_in_an_ordinary_replay_is_found_within_a_tenth_of_a_second(u
 def test_a_wall_is_found_before_it_takes_the_joints_largest_torque(ur5):
     """An elastic wall before joint 2, 300 N·m/rad: the torque rises as the joint goes on, and the band ends it below half of 150 N·m."""
     recording, _ = pressed(ur5, 420, "as learnt", joint=2, stiffness=300.0, seconds=0.2)
-    free = stepped_replay(arm_of(ur5.excitation, seed=11), ur5.excitation)
+    free = free_replay("as learnt")
     i, text = first_outside(ur5.band(), recording, ur5.excitation.pass_s)
     assert "joint 2" in text
-    pushed = np.abs(recording.current - free.current)[i, 1] * UR5.drive_gain_nm_per_a[1]
+    pushed = np.abs(recording.current[i] - free.current[i])[1] * UR5.drive_gain_nm_per_a[1]
     assert pushed < 75.0
 
 

@@ -80,12 +80,12 @@ def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 
     Wear begins within a month of the end of learning and is watched for 60 days more: by then 100 % a year is found, which is asked here.
-    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. Lives are short ones, of half a
-    year and less, and every arm is asked on each path at each share of its life.
+    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. Lives are short ones, of a
+    quarter of a year and less, and every arm is asked on each path at each share of its life.
     """
     monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 30))
     monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + 90)
-    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(0.60, 1.20)))
+    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(1.20, 2.40)))
     picture = tmp_path / "delays.png"
     document = json.loads(printed("rehearse", "--config", ROOT / "config/monitor.toml", "--arms", 16, "--json", "--plot", picture))
     assert document["robot_years"] == 16
