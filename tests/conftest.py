@@ -45,9 +45,18 @@ REAL_TIME = (
     "cli/test_commands_motion.py",
     "service/test_daemon.py",
 )
+# its core to the others. Wall clock is over twice their processor time: see before one is added.
+# its core to the others. They take more than twice as long as their processor time: look before one is added.
+WAITING = (
+    *(f"simulate/test_sim_{name}.py" for name in ("conformance", "wire", "faults", "judges", "state_bytes")),
+    *(f"publish/test_{name}.py" for name in ("reach", "daemon_on_the_bus", "security", "outside_programs", "permit_words", "restarts")),
+    *(f"publish/test_{name}.py" for name in ("metrics", "slow_clients", "bus")),
+    *(f"service/test_{name}.py" for name in ("under_systemd", "tries")),
+)
 # a long test that begins last keeps everybody waiting
 LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
 GIVE_WAY = 19  # niceness of the other workers, where the kernel knows no better way to let the arm go first
+GIVE_SOME_WAY = 10  # of the worker that waits: before those that only compute, after the arm
 ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
 # for a client, a browser, a period: two thirds of the time on the wire
 MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
@@ -57,7 +66,7 @@ MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
 
-    These tests take longest, so they begin first; then come modules that stay together, then folders of long tests.
+    These tests take longest, so they begin first; then come those that wait, modules that stay together, folders of long tests.
     A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try again,
     and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
@@ -66,6 +75,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         place = item.path.relative_to(ROOT / "tests").as_posix()
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
+        elif place.startswith(WAITING):
+            item.add_marker(pytest.mark.xdist_group("waiting"))
         elif item.get_closest_marker("xdist_group") is None and _has_module_fixture(item):
             item.add_marker(pytest.mark.xdist_group(place))  # one worker prepares the fixture once; others would prepare it again
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
@@ -73,13 +84,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _rank(item: pytest.Item) -> tuple[int, int]:
-    """Where a test stands in the order: in real time, with a fixture of its module, other; within these, by folders of long tests."""
+    """Where a test stands in the order: in real time, waiting, with a module's fixture, other; within these, by folders of long tests."""
     place = item.path.relative_to(ROOT / "tests").as_posix()
     if place.startswith(REAL_TIME):
         return 0, next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
+    if place.startswith(WAITING):
+        return 1, next(rank for rank, prefix in enumerate(WAITING) if place.startswith(prefix))
     order = (*LONG, *MOSTLY_WAITING)
     within = next((rank for rank, prefix in enumerate(order) if place.startswith(prefix)), len(order))
-    return (1 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 2), within
+    return (2 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 3), within
 
 
 def _in_real_time(item: pytest.Item) -> bool:
@@ -94,11 +107,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A worker that does other work gives way to the worker with the arm in real time. It cannot rise again: real-time tests come first.
+    """A worker that does other work gives way to the worker with the arm in real time, one that computes also to one that waits.
+
+    A worker cannot rise again: real-time tests come first, then those that wait.
 
     A process of the idle class ends its turn at once when the arm wakes up; one that is only nice may first use up a part of it.
     """
     if "PYTEST_XDIST_WORKER" not in os.environ or _in_real_time(item):
+        return
+    if item.path.relative_to(ROOT / "tests").as_posix().startswith(WAITING):
+        os.nice(max(GIVE_SOME_WAY - os.nice(0), 0))
         return
     try:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))

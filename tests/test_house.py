@@ -128,6 +128,13 @@ def test_every_room_has_a_docstring():
         assert face.read_text("utf-8").startswith('"""'), face
 
 
+def test_every_module_that_the_suite_puts_in_a_group_exists(request):
+    """A name that was left behind when a module was moved would put it beside the arm in real time."""
+    suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    assert set(suite.REAL_TIME).isdisjoint(suite.WAITING)
+    assert [place for place in (*suite.REAL_TIME, *suite.WAITING) if not (ROOT / "tests" / place).is_file()] == []
+
+
 def test_whatever_moves_an_arm_in_real_time_is_in_one_group(request):
     """Beside each other they would disturb each other: a module that starts an arm and replays on it is in the list of the suite."""
     listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME

@@ -9,10 +9,7 @@ import pytest
 from machine import ROOT, Machine, why_not
 
 WHY_NOT = why_not()
-pytestmark = [
-    pytest.mark.skipif(WHY_NOT is not None, reason=f"NO REAL SYSTEMD IN THIS RUN, the unit is not tested: {WHY_NOT}"),
-    pytest.mark.xdist_group("systemd"),
-]
+pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"NO REAL SYSTEMD IN THIS RUN, the unit is not tested: {WHY_NOT}")
 PLACES = ("/etc", "/home", "/opt", "/run", "/srv", "/tmp", "/usr/local", "/var", "/dev/shm")  # where programs leave files
 UNIT = "joint-monitor@cell-1.service"
 CELL = """
