@@ -15,7 +15,7 @@ from monitor.service.motion import move
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 
-FAR = short(period_s=6.0, amplitude_rad=1.2)
+FAR = short(period_s=5.0, amplitude_rad=1.2)
 HOME = FAR.at(np.zeros(1)).q[0] + 0.05
 
 
@@ -26,7 +26,7 @@ class Arm:
         self.host, self.phases = host, []
         (folder / "cell.toml").write_text(
             f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\nhost = "{host}"\npayload_kg = 0.0\n[store]\ndirectory = "history"\n'
-            '[replay]\nallow_motion = true\nfirst_pass = false\ncell = "unchecked"\nmax_approach_rad = 0.8\n'
+            '[replay]\nallow_motion = true\nfirst_pass = false\ncell = "unchecked"\nmax_approach_rad = 0.8\napproach_speed_rad_s = 1.2\n'
         )
         self.configuration = replace(load(folder / "cell.toml"), excitation=FAR)
 
@@ -76,7 +76,7 @@ def test_an_arm_that_was_stopped_on_its_trajectory_is_brought_back_and_rests_whe
     home = ",".join(str(angle) for angle in HOME)
     with simulated_arm("127.0.2.27", f"--home={home}") as host:
         arm = Arm(host, tmp_path)
-        stopped = arm.move(stop_in="play", after_s=3.6)
+        stopped = arm.move(stop_in="play", after_s=3.0)
         assert stopped is not None
         assert stopped.cause == "parent_asked_to_stop", stopped
         left = arm.q
@@ -92,5 +92,8 @@ def test_an_arm_that_was_stopped_on_its_trajectory_is_brought_back_and_rests_whe
         assert "approach" not in arm.phases
         time.sleep(0.2)
         assert np.max(np.abs(arm.q - HOME)) < 0.005
-        assert arm.move() is None
+        after_all = arm.move(stop_in="play", after_s=0.2)
+        assert after_all is not None
+        assert after_all.cause == "parent_asked_to_stop", after_all
+        assert "play" in arm.phases
         assert "way_back" not in arm.phases

@@ -1,4 +1,4 @@
-"""`check`, `replay`, `record` and `allow` in processes of their own on a simulated arm, with the output that a person reads."""
+"""`check`, `replay`, `record` and `allow` on a simulated arm, with the output that a person reads."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 import zenoh
-from command_line import program
+from command_line import ended, program
 from excitations import short
 from sim_process import Spawned, eventually
 from simulated_arm import AT_START
@@ -84,7 +84,7 @@ def test_check_looks_and_neither_uploads_nor_moves_anything(remote, config):
 def test_check_reports_who_answers_on_the_bus(remote, config, free_port):
     """An endpoint where nobody listens does not forbid a motion, and is reported; a router without a daemon is reported as such."""
     path = config()
-    done = program("check", "--config", path)
+    done = ended("check", "--config", path)
     assert done.returncode == 0
     assert f"bus, commands at tcp/127.0.0.1:{free_port}: nobody: nobody listens there" in " ".join(done.stdout.split())
     router = zenoh.open(session_config(mode="router", listen=(f"tcp/127.0.0.1:{free_port}",)))
@@ -149,7 +149,7 @@ def test_a_bad_configuration_ends_check_with_two(tmp_path):
     (tmp_path / "bad.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[replay]\npermit = "perhaps"\nstartup_timeout_s = 1e9\n'
     )
-    done = program("check", "--config", tmp_path / "bad.toml")
+    done = ended("check", "--config", tmp_path / "bad.toml")
     assert done.returncode == 2
     assert "startup_timeout_s" in done.stderr
 
@@ -164,13 +164,14 @@ def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, confi
     try:
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.1, 20.0)
         remote.protective_stop()
+        stopped_s = time.monotonic()
         _, printed = moving.communicate(timeout=20)
     finally:
         moving.kill()
     assert moving.returncode == 1
     assert "protective_stop" in printed
     assert "Traceback" not in printed
-    time.sleep(5.1)  # the controller refuses to unlock earlier
+    time.sleep(max(5.1 - (time.monotonic() - stopped_s), 0.0))  # the controller refuses to unlock earlier
     from monitor.acquire.ur.dashboard import Dashboard
 
     with Dashboard(HOST) as dashboard:
@@ -180,15 +181,15 @@ def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, confi
     code, found = checked(path)
     assert code == 3
     assert "joint-monitor allow" in found["previous_stop"]["told"]
-    refused = program("replay", "--config", path, "-o", output)
+    refused = ended("replay", "--config", path, "-o", output)
     assert refused.returncode == 2
     assert "previous_stop" in refused.stderr
 
-    assert program("allow", "--config", path, "--by", " ", "--why", "x").returncode == 2
-    allowed = program("allow", "--config", path, "--by", "Ada", "--why", "a box stood in the way; it is gone", "--json")
+    assert ended("allow", "--config", path, "--by", " ", "--why", "x").returncode == 2
+    allowed = ended("allow", "--config", path, "--by", "Ada", "--why", "a box stood in the way; it is gone", "--json")
     assert json.loads(allowed.stdout)["allowed"][0]["cause"] == "protective_stop"
     assert checked(path)[0] == 0
-    assert "no stop is waiting" in program("allow", "--config", path, "--by", "Ada", "--why", "again").stdout
+    assert "no stop is waiting" in ended("allow", "--config", path, "--by", "Ada", "--why", "again").stdout
     with Store.reader(path.parent / "history") as store:
         assert store.stops.waiting() == []
 
@@ -200,7 +201,7 @@ def test_record_only_listens_while_another_program_moves_the_arm(remote, config)
     try:
         assert "moving" in client.stdout.readline()
         scripts = remote.truth()["scripts_started"]
-        done = program("record", "--config", path, "--seconds", 2, "-o", path.parent / "r.parquet", "--json")
+        done = ended("record", "--config", path, "--seconds", 2, "-o", path.parent / "r.parquet", "--json")
         assert done.returncode == 0, done.stderr
         assert remote.truth()["scripts_started"] == scripts
     finally:
@@ -237,7 +238,7 @@ def test_a_digital_input_is_a_permit(remote, config):
     """Off: the replay is refused after the configured time. On: the arm moves. Off in between: it slows down, with the cause."""
     path = config(permit="digital_input:3", permit_timeout_s=0.5)
     output = path.parent / "r.parquet"
-    refused = program("replay", "--config", path, "-o", output)
+    refused = ended("replay", "--config", path, "-o", output)
     assert refused.returncode == 2
     assert "digital input 3 is off" in refused.stderr
     remote.fault("digital_input", number=3, state="on")
@@ -300,7 +301,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
     path = config(first_pass=True, first_pass_time_scale=0.5, approach_speed_rad_s=1.0)
     (path.parent / "short.json").write_text(json.dumps(short(period_s=2.0).as_document()))
     output, first = path.parent / "r.parquet", path.parent / "r-first-pass.parquet"
-    done = program("replay", "--config", path, "-o", output, "--json")
+    done = ended("replay", "--config", path, "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["first_pass"] == str(first)
     slow, normal = read_recording(first), read_recording(output)
@@ -310,7 +311,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
     assert "first pass" in slow.context.note
     assert abs(slow.qd).max() == pytest.approx(0.5 * abs(normal.qd).max(), rel=0.1)
     first.unlink()
-    done = program("replay", "--config", path, "-o", output, "--force")
+    done = ended("replay", "--config", path, "-o", output, "--force")
     assert done.returncode == 0, done.stderr
     assert not first.exists()
 
@@ -318,7 +319,7 @@ def test_the_first_pass_after_a_change_is_slow_and_kept_and_the_next_replay_need
 def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote, config):
     """The configured gains are wrong by a factor of five, so measured torque differs from that of the manufacturer's parameters."""
     path = config("gains_nm_per_a = [60.0, 60.0, 60.0, 50.0, 50.0, 50.0]", first_pass=True, first_pass_time_scale=0.5)
-    done = program("replay", "--config", path, "-o", path.parent / "r.parquet")
+    done = ended("replay", "--config", path, "-o", path.parent / "r.parquet")
     assert done.returncode == 1
     assert "torque_band" in done.stderr
     assert "were expected" in done.stderr

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from command_line import ended
 
 from monitor.errors import BusError
 from monitor.publish.client import Client
@@ -97,9 +98,6 @@ class Cell:
                     raise
                 time.sleep(0.1)
 
-    def command(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
-        return subprocess.run([sys.executable, "-m", "monitor", *arguments], capture_output=True, text=True, timeout=60, check=False)
-
     def ledger(self) -> list:
         with Store.reader(self.folder / "history") as store:
             return store.ledger.rows()
@@ -176,19 +174,19 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     output = stop(daemon)
     assert "verdict=assessed" in output
 
-    result = cell.command("status", "--config", str(cell.config), "--json")
+    result = ended("status", "--config", str(cell.config), "--json")
     assert result.returncode == 0, result.stderr
     assert [row["state"] for row in json.loads(result.stdout)["ledger"]] == ["assessed"]
     assert json.loads(result.stdout)["health"]["stale"] is False
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
-    local = cell.command("predict", "--config", str(cell.config), *arguments, "--local", "--json")
+    local = ended("predict", "--config", str(cell.config), *arguments, "--local", "--json")
     assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
 
     daemon = cell.daemon()
     with cell.client() as client:
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 10.0)
         assert client.get("joint/3/friction")[0].document == friction
-        asked = cell.command("predict", "--config", str(cell.config), *arguments, "--json")
+        asked = ended("predict", "--config", str(cell.config), *arguments, "--json")
         assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
     stop(daemon)
     assert [row.state for row in cell.ledger()] == ["assessed"]
