@@ -173,7 +173,8 @@ class RobotApi:
             if self._socket is None:
                 self._connect(until)
             assert self._socket is not None
-            headers = [("Host", self._host), ("Accept", "application/json")]
+            host = self._host if self._port == PORT else f"{self._host}:{self._port}"
+            headers = [("Host", host), ("Accept", "application/json")]
             if body:
                 headers += [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
             request = [h11.Request(method=method, target=target, headers=headers), *([h11.Data(data=body)] if body else [])]
