@@ -9,7 +9,7 @@ from monitor.recording import Array
 DAY_S = 86_400.0
 FIRST_DAY_UNIX_S = 1_767_582_000.0  # Monday 2026-01-05 03:00 UTC
 DAYS = 28  # one replay each: two weeks healthy, two weeks with wear
-LIVE_DAYS = (0, 14, 27)  # replays of these days run over RTDE in real time, 15 s each; the others are stepped
+LIVE_DAYS = (0, 27)  # replays of these days run over RTDE in real time, 15 s each; the others are stepped
 WEARING_JOINT = 3  # numbered from 1
 ONSET_DAY = 14  # from this day on the joint wears
 WEAR_PER_REVOLUTION = 5e-5  # fraction of friction: thousands of times a healthy joint's, so that two weeks show what takes years
