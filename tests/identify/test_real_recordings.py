@@ -72,7 +72,8 @@ def test_ur10e_friction_repeats_across_trajectories_within_its_uncertainty(ur10e
 def test_an_interval_of_friction_holds_what_another_run_finds(ur10e):
     """90 % intervals of F at three speeds, each of one motion, hold the value of another motion.
 
-    With the twelve unloaded runs of this arm 87 % of 132 pairs are held; here are three of them, so the limits are wider.
+    With the twelve unloaded runs of this arm 94.5 % of 132 pairs are held, by joint and speed 78 % or more; here are three of them, so the
+    limits are wider. Without what differs from run to run, 87 % and 55 %: friction of joint 6 at 0.8 rad/s.
     """
     robot, first, read = ur10e
     runs = [first, *(identify([read(name)], robot, GROUND, gains=GAINS) for name in HELD_OUT)]
@@ -80,7 +81,7 @@ def test_an_interval_of_friction_holds_what_another_run_finds(ur10e):
     for speed in (0.2, 0.4, 0.8):
         lines = [run.line_at(speed) for run in runs]
         held += [np.abs(there - here) < 1.645 * std for here, std in lines for there, _ in lines if there is not here]
-    assert 0.8 <= np.mean(held) <= 0.99
+    assert np.all(np.mean(held, axis=0) >= 0.8)
     assert np.all(lines[0][1] < 0.1 * lines[0][0])  # and is narrow enough to say something
 
 
