@@ -44,9 +44,9 @@ REAL_TIME = (
     ),
     "cli/test_commands_motion.py",
     "service/test_daemon.py",
+)
 # Modules that mostly wait, for a clock, a client, systemd: one test after the other on a worker of their own, which leaves most of its core
 # to the others. Wall clock is over twice their processor time: see before one is added.
-# its core to the others. Wall clock is over twice their processor time: see before one is added.
 WAITING = (
     *(f"simulate/test_sim_{name}.py" for name in ("conformance", "wire", "faults", "judges", "state_bytes")),
     *(f"publish/test_{name}.py" for name in ("reach", "daemon_on_the_bus", "security", "outside_programs", "permit_words", "restarts")),
