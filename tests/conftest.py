@@ -43,6 +43,7 @@ REAL_TIME = (
         )
     ),
     "cli/test_commands_motion.py",
+    "service/test_borrowing_daemon.py",
     "service/test_daemon.py",
 )
 # Modules that mostly wait, for a clock, a client, systemd: one test after the other on a worker of their own, which leaves most of its core

@@ -17,6 +17,7 @@ class BorrowedWindow:
 
     def __init__(self, store: Store, replaying: Lock, due: DueReplay, now: Callable[[], float]) -> None:
         """`replaying` is held from the taking of the arm until the context ends."""
+        self.ask_program: Callable[[], str | None] = lambda: None  # which program plays; whoever knows the arm sets it
         self._store, self._replaying, self._due, self._now = store, replaying, due, now
         self._stack = ExitStack()
         self._entered_at = 0.0
@@ -25,7 +26,6 @@ class BorrowedWindow:
         self._waited_s = 0.0
         self._lost = False
         self.ledger_id: int | None = None  # None: the arm was not taken yet
-        self.program: str | None = None  # that plays, where its name is known
 
     def enter(self) -> int:
         """The window's number in the ledger, in which it is entered now if it was not. Raises StoreError, MotionRefused."""
@@ -46,7 +46,7 @@ class BorrowedWindow:
         if self._taken_at is not None:
             self._waited_s += time.monotonic() - self._taken_at
             self._taken_at, self._back_at = None, time.monotonic()
-            self._note()
+            self._note(self.ask_program())  # it plays again: no question keeps it waiting
 
     @property
     def back_for_s(self) -> float:
@@ -56,16 +56,16 @@ class BorrowedWindow:
     def lost(self, *, for_good: bool) -> None:
         """The replay ended early: `for_good` where the program did not get its arm back, and has ended."""
         self._lost = for_good
-        self._note()
+        self._note(self.ask_program())
 
-    def _note(self) -> None:
+    def _note(self, program: str | None) -> None:
         assert self.ledger_id is not None
         self._store.borrows.add(
             Borrow(
                 ledger_id=self.ledger_id,
                 due_since_unix_s=self._due.since_unix_s,
                 taken_at_unix_s=self._entered_at,
-                program=self.program,
+                program=program,
                 waited_s=None if self._lost else self._waited_s,
                 given_back=not self._lost,
             )

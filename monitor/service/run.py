@@ -198,7 +198,7 @@ def _replay_over_rtde(
     ledger_id = number() if window is None else None
     log_progress = progress_log()
     if window is not None:
-        window.program = program_of(daemon.state.configuration.driver, daemon.state.configuration.robot.host)
+        window.ask_program = lambda: program_of(daemon.state.configuration.driver, daemon.state.configuration.robot.host)
 
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)

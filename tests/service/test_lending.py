@@ -1,5 +1,6 @@
 """Where a program lends the arm, a window makes a replay due until the arm was had: over restarts, closings and other windows."""
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,19 @@ import pytest
 from test_backups_and_retention import configuration
 from test_scheduler import DAY, START, Arm
 
-from monitor.errors import MonitorError
+from monitor.errors import MonitorError, MotionRefused
+from monitor.judge.alerts.condition import ServiceSituation, Standing
+from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
+from monitor.publish.metrics import families
+from monitor.publish.timestamps import outside
+from monitor.service.borrowing import BorrowedWindow
 from monitor.service.due import DueReplay
+from monitor.service.monitor_document import borrowed_document, status_line
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
 from monitor.store.store import Store
+from monitor.views.terminal.arm import borrowed_text
 
 HOUR = 3600.0
 THREE = START + 3 * HOUR
@@ -42,14 +50,14 @@ class LentArm(Arm):
         self.waiting = due
 
     def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
-        """Wait as the monitor does: five minutes pass between two looks."""
+        """Wait as the monitor does: ten minutes pass between two looks."""
         self.asked += 1
         if self.unheard:
             return self.unheard
-        self.nodes = [at for at in self.nodes if at > self.clock[0] - 600.0]  # the program was there, and went on
+        self.nodes = [at for at in self.nodes if at > self.clock[0] - 1200.0]  # the program was there, and went on
         while waits():
-            self.clock[0] += 300.0
-            self.clock[1] += 300.0
+            self.clock[0] += 600.0
+            self.clock[1] += 600.0
             reached = [at for at in self.nodes if at <= self.clock[0]]
             self.nodes = [at for at in self.nodes if at > self.clock[0]]
             if reached and self.refused:
@@ -62,7 +70,7 @@ class LentArm(Arm):
                 return self.store.ledger.row(ledger_id)
         return "stopped on request"
 
-    def passes(self, seconds: float, step: float = 240.0) -> None:
+    def passes(self, seconds: float, step: float = 480.0) -> None:
         """Until so much time has passed, of which the waiting takes its part."""
         until = self.clock[0] + seconds
         while self.clock[0] < until:
@@ -89,11 +97,11 @@ def test_a_window_makes_the_replay_due_until_the_program_is_at_its_node(lent):
     assert arm.waiting.text == "waiting for the program's node; none was reached yet"
     arm.passes(6 * HOUR)
     (at,) = arm.replayed
-    assert START + 6 * HOUR <= at < START + 6 * HOUR + 600.0
+    assert START + 6 * HOUR <= at < START + 6 * HOUR + 1200.0
     (row,) = arm.store.ledger.rows()
     assert (row.window_unix_s, row.state) == (THREE, "assessed")
     assert arm.waiting is None
-    assert arm.scheduler.lag_s == pytest.approx(3 * HOUR, abs=600.0)
+    assert arm.scheduler.lag_s == pytest.approx(3 * HOUR, abs=1200.0)
 
 
 def test_windows_that_open_meanwhile_join_the_one_that_is_due(lent):
@@ -237,3 +245,52 @@ def test_a_disk_that_fails_while_the_node_is_waited_for_ends_nothing(lent):
         arm.passes(HOUR)
     assert arm.waiting is not None
     assert arm.asked == asked
+
+
+def test_the_alert_stale_and_the_status_line_name_what_is_waited_for():
+    """Nothing is learnt because no node is reached: whoever looks at the alert reads that, and not the reason of an older window."""
+    due = DueReplay(key_unix_s=THREE, since_unix_s=THREE, until_unix_s=THREE + DAY, passed_by="payload: 0.4 kg more than configured")
+    situation = ServiceSituation(
+        now_unix_s=START + 3 * DAY,
+        unlearnt=Standing(START, "an older reason", START + 2 * DAY),
+        due=Standing(due.since_unix_s, due.text),
+    )
+    (stale,) = [condition for condition in SERVICE_CONDITIONS if condition.name == "stale"]
+    text = stale.service(situation)
+    waited = "waiting for the program's node; at the last one: payload: 0.4 kg more than configured"
+    assert text.endswith(f"A replay is due since 2026-06-01T03:00:00Z, {waited}.")
+    assert "older reason" not in text
+    document = {"last_replay": None, "next_replay_due_unix_s": None, "arm": {"heard": True}, "troubles": [], "due": due.as_document()}
+    assert f"due since 2026-06-01T03:00:00Z, {waited}" in status_line("NORMAL", document)
+    (heard,) = [family for family in families({"monitor": outside(document)}) if family.name == "joint_monitor_due_since_timestamp_seconds"]
+    assert [sample.value for sample in heard.samples] == [THREE]
+
+
+def test_the_ledger_says_from_whom_an_arm_was_borrowed_and_for_how_long(tmp_path: Path):
+    """One row a window; taken and given back twice where a first pass came before; lost where the program ended."""
+    due = DueReplay(key_unix_s=THREE, since_unix_s=START, until_unix_s=START + DAY)
+    with Store.open(tmp_path) as store:
+        lock = threading.Lock()
+        with BorrowedWindow(store, lock, due, lambda: START + 60.0) as window:
+            assert not lock.locked()  # nobody knows when the node is reached
+            window.ask_program = lambda: "cell.urp"
+            for _ in range(2):
+                window.taken()
+                assert window.enter() == 1
+                window.given_back()
+            assert lock.locked()
+        assert not lock.locked()
+        (row,) = store.ledger.rows()
+        borrow = store.borrows.of([row])[1]
+        assert (borrow.program, borrow.due_since_unix_s, borrow.taken_at_unix_s) == ("cell.urp", START, START + 60.0)
+        assert borrow.given_back
+        assert 0.0 < borrow.waited_s < 5.0
+        with BorrowedWindow(store, lock, due.another_try(START + 90.0), lambda: START + 120.0) as window:
+            window.taken()
+            number = window.enter()
+            window.lost(for_good=True)
+        assert store.borrows.of(store.ledger.rows())[number].waited_s is None
+        assert borrowed_text(outside(borrowed_document(store.borrows.of(store.ledger.rows())[number]))).endswith("the program has ended")
+        with BorrowedWindow(store, lock, due, lambda: START) as window, pytest.raises(MotionRefused, match="has this window already"):
+            window.enter()
+        assert not lock.locked()
