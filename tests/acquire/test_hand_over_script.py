@@ -152,20 +152,16 @@ def test_a_replay_in_between_is_followed_by_the_next_node(tmp_path):
     assert np.allclose(cell.controller.reference.q, before, atol=1e-3)
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(900)
-@given(late_s=st.floats(0.0, 2.0))
-@settings(max_examples=3, deadline=None)
-def test_a_minute_after_a_good_hand_back_the_program_still_plays(tmp_path_factory, late_s):
+def test_a_minute_after_a_good_hand_back_the_program_still_plays(tmp_path):
     """The withdrawal of the number may come late, as long as the beat goes on: the arm stands, and nothing is left that stops it later."""
-    cell = Cell(tmp_path_factory.mktemp("cell"))
+    cell = Cell(tmp_path)
     cell.take()
     cell.stream(0.1, 0.3)
     for offset in np.linspace(0.1, 0.0, 200):
         cell.controller.registers.inputs.doubles[0] = float(offset)
         cell.run(0.002)
-    cell.run(0.3 + late_s)
-    after = cell.texts.count("after")
+    cell.run(1.6)
+    offered = cell.output(OFFER)
     cell.write(0, 0)
     cell.write(DUE, 0)
     cell.write(TAKE, 0)
@@ -173,8 +169,8 @@ def test_a_minute_after_a_good_hand_back_the_program_still_plays(tmp_path_factor
     cell.beating = False  # the monitor has gone
     cell.run(60.0)
     assert cell.controller.modes.runtime == Runtime.PLAYING
-    assert cell.controller.journal.stops == []
-    assert cell.texts.count("after") > after + 100
+    assert not cell.controller.journal.stops
+    assert cell.output(OFFER) > offered + 1000
 
 
 @settings(max_examples=8, deadline=None)
