@@ -99,6 +99,18 @@ def test_a_cleared_alert_says_when_it_cleared_and_asks_for_nothing(capsys):
     assert "Plan an inspection" not in shown
 
 
+def test_a_reason_is_not_called_that_of_another_window(capsys):
+    """`as above` means the reason that was named last: another one between them, and it is said in full."""
+    reasons = ("protective stop", "the program was stopped", "protective stop")
+    ledger = [
+        {"replay": n, "window": f"2026-01-0{n}T03:00:00Z", "state": "aborted", "reason": reason} for n, reason in enumerate(reasons, start=1)
+    ]
+    print_status({"said_at": "2026-01-09T00:00:00Z", "robot": "a", "model_revision": 0, "health": None, "friction": [], "ledger": ledger})
+    shown = capsys.readouterr().out
+    assert shown.count("aborted  protective stop") == 2
+    assert "as above" not in shown
+
+
 def test_a_joint_that_the_arm_lacks_is_named(arms):
     """With the number of joints that it has."""
     refused = ended("history", "--joint", 7, "--config", "cell-1")

@@ -94,18 +94,19 @@ def borrowed_text(borrowed: dict[str, Any]) -> str:
 
 
 class _Once:
-    """Gives a text back, with `as above` in place of a window's reason that an earlier text has named."""
+    """Gives a text back, with `as above` in place of a window's reason where it is the last one that was named."""
 
     def __init__(self, reasons: Iterable[str | None]) -> None:
         self._reasons = sorted({reason for reason in reasons if reason}, key=len, reverse=True)  # the longest first: one may hold another
-        self._said: set[str] = set()
+        self._last: set[str] = set()  # another one between them, and `above` would mean that
 
     def __call__(self, text: str) -> str:
         named = [reason for reason in self._reasons if reason in text]
         for reason in named:
-            if reason in self._said:
+            if reason in self._last:
                 text = text.replace(reason, "as above")
-        self._said.update(named)
+        if named:
+            self._last = set(named)
         return text
 
 
