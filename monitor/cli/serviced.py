@@ -67,12 +67,14 @@ def _refuse_no_time(at: str) -> None:
 def _declared(configuration: "Configuration", request: "ServicedRequest | UndoServicedRequest") -> dict[str, Any]:
     """The answer: written into the history where no daemon runs on it, else asked for on the bus. Raises BadInput, BusError, StoreError."""
     from monitor.service.history.work import offline
+    from monitor.service.monitor_document import present_unix_s, read_monitor_document
     from monitor.store.backup import present
 
     refused: StoreError | None = None
     try:
         if present(configuration.state_directory):
-            return offline(configuration, request, time.time())
+            now = present_unix_s(read_monitor_document(configuration.state_directory), time.time())  # a trial that is over has its own time
+            return offline(configuration, request, now)
     except StoreError as error:  # a daemon has it, or this user may not read it: the daemon can be asked
         refused = error
     try:

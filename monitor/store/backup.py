@@ -14,6 +14,7 @@ from urllib.parse import quote
 
 from monitor.errors import StoreError, StoreUnavailable
 
+DAMAGED = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})  # what SQLite says of a file that is not as it was written
 HISTORY = "history.sqlite"
 _NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
 _STAMP = "%Y%m%dT%H%M%SZ"
@@ -92,6 +93,7 @@ def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
     causes = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
     known = None if code is None else code & 0xFF
     kind = StoreUnavailable if known in {*causes, sqlite3.SQLITE_READONLY} else StoreError
+    causes |= dict.fromkeys(DAMAGED, "; the next start of `joint-monitor run` sets the file aside and puts the newest backup in its place")
     return kind(f"{path}: {error}{causes.get(known, '') if known is not None else ''}")
 
 
@@ -106,7 +108,7 @@ def fault(path: Path) -> str | None:
             result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
     except sqlite3.DatabaseError as error:
-        if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}:
+        if error.sqlite_errorcode & 0xFF not in DAMAGED:
             raise refused_by(error, path) from None
         return str(error)
     # the first line only names the database: `*** in database main ***`

@@ -102,9 +102,8 @@ def test_a_cleared_alert_says_when_it_cleared_and_asks_for_nothing(capsys):
 def test_a_reason_is_not_called_that_of_another_window(capsys):
     """`as above` means the reason that was named last: another one between them, and it is said in full."""
     reasons = ("protective stop", "the program was stopped", "protective stop")
-    ledger = [
-        {"replay": n, "window": f"2026-01-0{n}T03:00:00Z", "state": "aborted", "reason": reason} for n, reason in enumerate(reasons, start=1)
-    ]
+    row = {"window": "2026-01-01T03:00:00Z", "state": "aborted"}
+    ledger = [row | {"replay": n, "reason": reason} for n, reason in enumerate(reasons, start=1)]
     print_status({"said_at": "2026-01-09T00:00:00Z", "robot": "a", "model_revision": 0, "health": None, "friction": [], "ledger": ledger})
     shown = capsys.readouterr().out
     assert shown.count("aborted  protective stop") == 2
@@ -116,6 +115,14 @@ def test_a_joint_that_the_arm_lacks_is_named(arms):
     refused = ended("history", "--joint", 7, "--config", "cell-1")
     assert refused.returncode == 2
     assert "--joint '7': expected 1 to 6, or one of base" in refused.stderr
+
+
+def test_a_damaged_history_says_what_becomes_of_it(arms):
+    """A person who only looks learns that the next start restores it, and does not repair it by hand."""
+    (arms / "cell-1" / "history.sqlite").write_bytes(b"no database" * 1000)
+    looked = ended("status", "cell-1")
+    assert looked.returncode == 1
+    assert "puts the newest backup in its place" in looked.stderr
 
 
 def test_an_output_is_not_replaced_unasked(arms):

@@ -22,6 +22,8 @@ def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
     assert "missed" not in result.stdout + result.stderr
     path = tmp_path / "kept" / "try.toml"
     status = json.loads(ended("status", "--config", path, "--json").stdout)
+    late = ended("serviced", "--config", path, "--joint", "elbow", "--greased", "--by", "Ada", "--why", "too late").stdout
+    assert "was greased on 2026-01-" in late  # the history that stays goes on by the trial's clock, not by this machine's
     assert status["monitor_silent_s"] is None
     assert [row["state"] for row in status["ledger"]] == ["assessed", "assessed"]
     again = ended("try", "--keep", tmp_path / "kept")
