@@ -72,7 +72,8 @@ def serve(
     log_refusals(configuration.bus)
     hangup = _on_hangup()  # from now on no request for a reload is lost
     if configuration.replay.allow_motion is True:
-        importlib.import_module("scipy.signal")  # takes a second: now, and not while somebody waits for the first verdict
+        for heavy in ("filterpy.kalman", "scipy.signal"):  # take a second: now, and not while somebody waits for the first verdict
+            importlib.import_module(heavy)
     with ExitStack() as stack:
         store, configuration = open_store(configuration, stack, hangup)
         trial, clocks = clocks is not None, clocks or Clocks()
