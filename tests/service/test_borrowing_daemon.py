@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from command_line import program
 from simulated_arm import simulated_arm
 from test_daemon import Cell, eventually, stop
 
@@ -84,7 +85,7 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
         assert eventually(lambda: due(client) is not None, 30.0), daemon.kill() or daemon.communicate()[1]
         since = due(client)["since"]
     assert eventually(lambda: cell.node() is not None, 30.0)
-    checked = json.loads(cell.command("check", "--config", str(cell.config), "--json").stdout)
+    checked = json.loads(program("check", "--config", str(cell.config), "--json").stdout)
     (served,) = [each for each in checked["service"] if each["name"] == "hand_over"]
     assert cell.node() in served["told"]
     daemon.kill()
@@ -93,7 +94,7 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
     daemon = cell.daemon()
     with cell.client() as client, Remote(cell.host) as remote:
         assert eventually(lambda: due(client) is not None and due(client)["since"] == since, 30.0), daemon.kill() or daemon.communicate()[1]
-        shown = cell.command("status", "--config", str(cell.config)).stdout
+        shown = program("status", "--config", str(cell.config)).stdout
         assert f"replay due since {since} (asked for), " in shown.replace("\n", " ")
         assert cell.node() is not None  # from the first moment on: the text was kept
         assert cell.dashboard("play") == "Starting program"
@@ -114,5 +115,5 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
         (row,) = store.ledger.rows()
         assert row.kind == "requested"
         assert store.stops.waiting() == []
-    shown = cell.command("status", "--config", str(cell.config)).stdout
+    shown = program("status", "--config", str(cell.config)).stdout
     assert "borrowed from cell.urp, which waited" in shown
