@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from command_line import ended
 from sim_process import Spawned
+from test_hand_over_script import CONTROL
 
+from monitor.acquire.hand_over.script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.ur.driver import UniversalRobots
@@ -19,6 +21,9 @@ from monitor.service.node_check import node_conditions, own_address
 from monitor.service.node_server import NO_TEXT, PROBLEM, NodeServer
 from monitor.service.node_text import NodeText, keep, kept, node_text, number_of
 from monitor.service.problems import Problems
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.program_tree import load_tree
+from monitor.simulate.settings import SimulateSettings
 
 HOST = f"127.0.9.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 
@@ -194,3 +199,34 @@ def test_what_cannot_be_written_is_told_and_leaves_nothing(arm, config, tmp_path
     assert done.returncode == code
     assert text in done.stderr
     assert not (tmp_path / output).exists()
+
+
+def test_the_file_lends_the_arm_from_an_ordinary_script_node(tmp_path: Path):
+    """No server at Play: the text stands inline in the program's loop, is passed by while nothing is due, lends the arm, and goes on."""
+    text = NodeText.of("5.11", CONTROL).text
+    (tmp_path / "lend.script").write_text(text)
+    nodes = ('message = "before"', 'script = "lend.script"', "wait = 0.02")
+    (tmp_path / "cell.toml").write_text('name = "cell"\n' + "".join(f"[[node]]\n{node}\n" for node in nodes))
+    controller = Controller(SimulateSettings(robot="ur5e", program=load_tree(tmp_path / "cell.toml")))
+    controller.step()
+    assert controller.programs.play()
+    inputs, outputs = controller.registers.inputs.ints, controller.registers.output_ints
+
+    def steps(count: int) -> None:
+        for _ in range(count):
+            inputs[BEAT] = (inputs[BEAT] + 1) % 1000
+            controller.step()
+
+    steps(100)
+    passed = outputs[OFFER]
+    assert passed > 5  # a round takes some ticks beside its wait of 0.02 s
+    inputs[DUE] = 1
+    while outputs[STATE] != OFFERED:
+        steps(1)
+    inputs[TAKE] = outputs[OFFER]
+    steps(100)
+    assert outputs[STATE] == TAKEN
+    inputs[TAKE] = inputs[DUE] = 0
+    steps(100)
+    assert outputs[STATE] == IDLE
+    assert outputs[OFFER] > passed + 5
