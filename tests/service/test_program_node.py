@@ -26,6 +26,7 @@ from monitor.simulate.program_tree import load_tree
 from monitor.simulate.settings import SimulateSettings
 
 HOST = f"127.0.9.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
+SILENT = "127.0.9.250"  # nothing answers there
 
 
 @pytest.fixture(scope="module")
@@ -186,15 +187,16 @@ def test_the_file_of_a_script_node_is_written_once_and_never_replaced_unasked(ar
 
 
 @pytest.mark.parametrize(
-    ("host", "output", "code", "text"),
+    ("answers", "output", "code", "text"),
     [
-        (HOST, "lend.txt", 2, "ends in .script"),
-        (HOST, "missing/lend.script", 2, "does not exist"),
-        ("127.0.9.250", "lend.script", 1, "127.0.9.250"),
+        (True, "lend.txt", 2, "ends in .script"),
+        (True, "missing/lend.script", 2, "does not exist"),
+        (False, "lend.script", 1, SILENT),
     ],
 )
-def test_what_cannot_be_written_is_told_and_leaves_nothing(arm, config, tmp_path: Path, host: str, output: str, code: int, text: str):
+def test_what_cannot_be_written_is_told_and_leaves_nothing(arm, config, tmp_path: Path, answers: bool, output: str, code: int, text: str):
     """A wrong name, a folder that is missing, a controller that does not answer."""
+    host = HOST if answers else SILENT
     done = ended("script-node", "--config", str(config("script_node", host=host)), "--output", str(tmp_path / output))
     assert done.returncode == code
     assert text in done.stderr
