@@ -135,11 +135,8 @@ class RobotApi:
         raise Refused(f"{self._name} refuses {method} {path} with {said.status}{why}{_reason(said.body)}")
 
     def _document(self, said: Said, path: str) -> dict[str, Any]:
-        try:
-            document = json.loads(said.body)
-        except ValueError:
-            document = None
-        if not isinstance(document, dict):
+        document = _object(said.body)
+        if document is None:
             raise RobotUnreachable(f"{self._name} answers {path} with something else than a JSON object: {_printable(said.body)}")
         return document
 
@@ -151,11 +148,19 @@ class RobotApi:
             said = self._exchange(method, target, body, until)
             if said.status not in REDIRECTS:
                 return said
-            place = urlsplit(urljoin(f"http://{self._host}:{self._port}{target}", said.location))
-            if (place.scheme, place.hostname, place.port or 80) != ("http", self._host, self._port):
-                raise RobotUnreachable(f"{self._name} sends us elsewhere, to {_printable(said.location.encode())}; it is not followed")
-            target = place.path + (f"?{place.query}" if place.query else "")
+            target = self._place(target, said.location)
         raise RobotUnreachable(f"{self._name} redirects {path} more than {MOST_REDIRECTS} times")
+
+    def _place(self, target: str, location: str) -> str:
+        """Where to ask instead of this target. Raises RobotUnreachable where that is no place on the same server."""
+        try:
+            place = urlsplit(urljoin(f"http://{self._host}:{self._port}{target}", location))
+            same = location.isascii() and (place.scheme, place.hostname, place.port or 80) == ("http", self._host, self._port)
+        except ValueError:  # it is no address
+            same = False
+        if not same:
+            raise RobotUnreachable(f"{self._name} sends us elsewhere, to {_printable(location.encode())}; it is not followed")
+        return place.path + (f"?{place.query}" if place.query else "")
 
     def _exchange(self, method: str, target: str, body: bytes, until: float) -> Said:
         """One request and its answer; once more where the connection had been kept open and the controller has closed it meanwhile."""
@@ -249,14 +254,18 @@ class _Closed(Exception):
     """The controller has closed the connection before a byte of its answer."""
 
 
-def _reason(body: bytes) -> str:
-    """What the controller says of a refusal, as a part of a sentence; empty where it says nothing that can be told."""
+def _object(body: bytes) -> dict[str, Any] | None:
+    """The JSON object in an answer; None where it is something else."""
     try:
         document = json.loads(body)
-    except ValueError:
-        return ""
-    if not isinstance(document, dict):
-        return ""
+    except (ValueError, RecursionError):
+        return None
+    return document if isinstance(document, dict) else None
+
+
+def _reason(body: bytes) -> str:
+    """What the controller says of a refusal, as a part of a sentence; empty where it says nothing that can be told."""
+    document = _object(body) or {}
     said = [document[key] for key in ("message", "details") if isinstance(document.get(key), str) and document[key]]
     return f" ({_printable('; '.join(said).encode())})" if said else ""
 
