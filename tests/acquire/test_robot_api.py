@@ -236,6 +236,36 @@ def test_our_program_is_stopped_over_the_robot_api_and_nobody_elses(states, stop
         assert len([each for each in server.asked if each[0] == "PUT"]) == stops
 
 
+def test_a_stop_that_is_not_answered_is_not_sent_again_without_another_look():
+    """It may have been taken, and what plays since may be somebody else's."""
+    asked: list[str] = []
+
+    def answer(method, path):
+        asked.append(method)
+        if method == "PUT":
+            raise ConnectionAbortedError
+        return reply({"state": "PLAYING"})
+
+    with ScriptedApi(answer), RobotApi(HOST, 0.5, port=PORT) as api:
+        with pytest.raises(RobotUnreachable, match="without an answer"):
+            api.stop()
+        assert asked.count("PUT") == 1
+
+
+def test_a_controller_that_closes_after_each_answer_without_saying_so_can_be_stopped():
+    """Its last connection looks open until something is asked."""
+    stopped: list[float] = []
+
+    def answer(method, path):
+        if method == "PUT":
+            stopped.append(time.monotonic())
+        return reply({"state": "STOPPED" if stopped else "PLAYING"})
+
+    with ScriptedApi(answer, keeps=False):
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=1.0, robot_api_port=PORT)
+    assert len(stopped) == 1
+
+
 def test_a_stop_that_is_refused_is_told_and_is_no_end(caplog):
     """In local control: 403, once in the log; the end is not confirmed."""
 

@@ -120,8 +120,8 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
                     if state == "STOPPED" and not (is_ours and ours.state == "starting"):
                         return True
                     if is_ours and state != "STOPPED" and (state == "PAUSED" or ours.state != "paused"):
+                        ours_at_s = looked_at  # so it was, also where nobody says whether the stop was taken
                         controller.stop()
-                        ours_at_s = looked_at
                     else:
                         time.sleep(LOOK_PAUSE_S)
         except RobotUnreachable as error:

@@ -163,8 +163,13 @@ class RobotApi:
         return place.path + (f"?{place.query}" if place.query else "")
 
     def _exchange(self, method: str, target: str, body: bytes, until: float) -> Said:
-        """One request and its answer; once more where the connection had been kept open and the controller has closed it meanwhile."""
-        kept = self._socket is not None
+        """One request and its answer.
+
+        A question is asked once more where the connection had been kept open and the controller has closed it meanwhile. A command is not:
+        it may have been taken, and whoever sends it must look again at what it would meet. So a connection that has ended is seen before.
+        """
+        self._close_if_ended()
+        kept = self._socket is not None and method == "GET"
         try:
             return self._once(method, target, body, until)
         except _Closed:
@@ -243,6 +248,19 @@ class RobotApi:
                     return Said(status, body, location)
                 case h11.ConnectionClosed() | h11.PAUSED:
                     raise OSError("its answer ends too early")
+
+    def _close_if_ended(self) -> None:
+        """Close a connection that the controller has closed, or on which it says what nobody asked for."""
+        if self._socket is None:
+            return
+        self._socket.settimeout(0.0)
+        try:
+            self._socket.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:  # it is open, and silent
+            return
+        except OSError:
+            pass
+        self._close()
 
     def _close(self) -> None:
         if self._socket is not None:
