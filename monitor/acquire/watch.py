@@ -203,8 +203,8 @@ class Watch:
 
     @property
     def _lent(self) -> bool:
-        """A session that waits for a program's node, or has its arm, ends by itself: killed, it would end that program too."""
-        return self.settings.lent is not None and self.phase in {"node", "ready"}
+        """A session that waits for a program's node, has its arm or gives it back ends by itself: killed, it would end that program too."""
+        return self.settings.lent is not None and self.phase in {"node", "ready", "finish"}
 
     def _ask_gate(self, session: Session, now: float) -> None:
         """Let the arm go if the gate allows it. What refuses a lent arm is kept until the session has given it back.

@@ -10,9 +10,10 @@ from monitor.acquire import watch as watch_module
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.watch import cause_of_death
-from monitor.errors import ReplayAborted
+from monitor.errors import MotionRefused, ReplayAborted
 
 ALIVE = {"kind": "alive"}
+TAKEN, GIVEN_BACK = {"kind": "taken", "number": 1}, {"kind": "given_back"}
 WAITING_FOR_A_ROW = {"kind": "waiting"}
 
 
@@ -147,3 +148,16 @@ def test_a_silent_child_that_was_already_dying_is_named_by_its_death(monkeypatch
     with pytest.raises(ReplayAborted) as aborted:
         replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=ScriptedDriver(session))
     assert aborted.value.cause == cause
+
+
+def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_finish():
+    """Before `go` the session itself refuses; killed in the middle, it would leave the parent to stop a program that has its arm again."""
+    looks = iter([[TAKEN, phase("finish")], [], [GIVEN_BACK, {"kind": "refused", "text": "the guard says no"}]])
+    session = ScriptedSession([], [DONE])
+    session.frames = lambda timeout_s: iter(next(looks))
+    driver = ScriptedDriver(session)
+    settings = ReplaySettings(host="127.0.0.1", allow_motion=True, hand_over="external_control")
+    with pytest.raises(MotionRefused, match="the guard says no"):
+        replay(short(), UR5, settings, driver=driver, should_stop=lambda: True)
+    assert session.sent == ["stop"]
+    assert driver.programs_stopped == 0
