@@ -20,6 +20,7 @@ from monitor.acquire.hand_over.script import (
     HandOverSettings,
     hand_over_script,
 )
+from monitor.acquire.hand_over.settings import HandOver
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.journal import TextMessage
@@ -232,3 +233,10 @@ def test_a_text_that_is_not_ur_rtdes_is_refused():
         hand_over_script(CONTROL.replace("# int register offset\n0", "# int register offset\n7"))
     with pytest.raises(BadInput, match="silence_s"):
         HandOverSettings(silence_s=5.0)
+
+
+@pytest.mark.parametrize("listen", ["0.0.0.0", "0.0.0.0:", "0.0.0.0:0", "0.0.0.0:65536", "0.0.0.0:5²", "cell:50002", "0.0.0.0:-1"])
+def test_an_address_to_listen_on_that_is_none_is_a_clear_error(listen):
+    """Also a port in digits that are no number."""
+    with pytest.raises(BadInput, match=r"hand_over_listen = .*expected an IPv4 address of this host and a port"):
+        HandOver.of("external_control", listen, 1.0)

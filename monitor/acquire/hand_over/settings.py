@@ -37,7 +37,7 @@ class HandOver:
             bind = str(ipaddress.IPv4Address(address))
         except ValueError:
             bind = ""
-        if not bind or not (port.isdigit() and 0 < int(port) < 65536):
+        if not bind or not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
             raise BadInput(f"replay: hand_over_listen = {listen!r}; expected an IPv4 address of this host and a port, e.g. 0.0.0.0:50002")
         if by == NONE:
             return None
