@@ -28,7 +28,7 @@ def ask(arm, method, path, document=None):
     """Status and document."""
     connection = http.client.HTTPConnection(arm.address, PORT, timeout=8.0)
     try:
-        body = None if document is None else json.dumps(document)
+        body = document if document is None or isinstance(document, bytes) else json.dumps(document)
         connection.request(method, API + path, body, {"Content-Type": "application/json"})
         answer = connection.getresponse()
         return answer.status, json.loads(answer.read())
@@ -84,6 +84,7 @@ def test_programs_power_and_stops_as_the_manufacturers_tests_have_them(spawn):
     assert [act(action) for action in ("pause", "resume", "stop")] == [409, 409, 409]
     assert ask(arm, "PUT", state, {"action": "dance"})[0] == 422
     assert ask(arm, "PUT", state, [1])[0] == 422
+    assert ask(arm, "PUT", state, b"[" * 60_000)[0] == 422
     assert ask(arm, "DELETE", state)[0] == 405
     assert ask(arm, "PUT", "/program/v1/loaded", {"name": "nothing"})[0] == 500
     for action, shown in (("POWER_OFF", "POWER_OFF"), ("POWER_ON", "IDLE"), ("BRAKE_RELEASE", "RUNNING")):

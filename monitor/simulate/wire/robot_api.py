@@ -52,7 +52,7 @@ def answer(controller: DashboardController, method: str, target: str, body: byte
         return Answer(403, {"message": "Forbidden", "details": REMOTE_ONLY})
     try:
         asked = json.loads(body or b"null")
-    except ValueError:
+    except (ValueError, RecursionError):
         asked = None
     if not isinstance(asked, dict):
         return _invalid("the body is not a JSON object")
