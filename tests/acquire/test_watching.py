@@ -1,6 +1,7 @@
 """How the parent names the death of its child, and when it gives up on a silent one. No process, no clock of a robot."""
 
 import signal
+from types import SimpleNamespace
 
 import pytest
 from excitations import short
@@ -9,6 +10,8 @@ from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, pha
 from monitor.acquire import watch as watch_module
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.streaming import borrow
+from monitor.acquire.ur.streaming.failures import StreamFailure
 from monitor.acquire.watch import cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted
 
@@ -161,3 +164,19 @@ def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_fi
         replay(short(), UR5, settings, driver=driver, should_stop=lambda: True)
     assert session.sent == ["stop"]
     assert driver.programs_stopped == 0
+
+
+def test_an_arm_that_was_taken_is_told_before_anything_else_may_fail():
+    """The parent would take its program for untouched where the controller's data ends in that very tick."""
+    told: list[str] = []
+
+    def next_row():
+        raise StreamFailure("stalled", "no new data from the controller")
+
+    node = SimpleNamespace(taken=True, take=lambda number: None)
+    outbox = SimpleNamespace(message=lambda kind, **values: told.append(kind))
+    arm = SimpleNamespace(node=node, outbox=outbox, next_row=next_row, program_sent=False)
+    with pytest.raises(StreamFailure, match="no new data"):
+        borrow._takes(arm, 7)
+    assert arm.program_sent
+    assert told == ["taken"]

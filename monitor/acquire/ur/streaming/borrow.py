@@ -104,8 +104,8 @@ def _takes(arm: Arm, number: int) -> bool:
             raise StreamFailure("no_control", "the program's node neither lends the arm nor goes on")
         arm.next_row()
     arm.program_sent = True  # from now on the program ends unless it gets its arm back
-    node.taken_q = arm.next_row()[COLUMN["target_q"]].copy()
     arm.outbox.message("taken", number=number)
+    node.taken_q = arm.next_row()[COLUMN["target_q"]].copy()
     return True
 
 
