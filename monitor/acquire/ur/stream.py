@@ -213,16 +213,20 @@ def settle(arm: Arm) -> None:
 
 
 def finish(arm: Arm) -> None:
-    """End the control program; the arm is at rest. Raises StreamFailure where the program goes on, or where nobody says that it ended."""
+    """End the stream of targets of an arm at rest, then the control program, or give a lent arm back.
+
+    Raises StreamFailure where the program goes on, or where nobody says that it ended; where a lent arm is not given back.
+    """
     assert arm.control is not None
+    if arm.node is None:
+        arm.outbox.message("phase", phase="finish", duration_s=0.0)
+    arm.rest()
+    with arm.beats():
+        if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
+            raise arm.refusal()
     if arm.node is not None:
-        borrow.end_stream(arm)
         borrow.give_back(arm)
         return
-    arm.outbox.message("phase", phase="finish", duration_s=0.0)
-    arm.rest()
-    if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
-        raise arm.refusal()
     arm.control.end_program()
     for _ in range(END_CHECKS):
         if arm.receive.getRuntimeState() != RUNTIME_PLAYING:

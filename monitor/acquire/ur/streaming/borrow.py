@@ -16,7 +16,7 @@ from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, arm_state
 from monitor.acquire.ur.streaming.arm import Arm
 from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
-from monitor.acquire.ur.streaming.node import Node
+from monitor.acquire.ur.streaming.node import NO_NUMBER, Node
 from monitor.errors import MotionRefused
 from monitor.model.joint_names import joint_text
 from monitor.recording import Array
@@ -27,7 +27,6 @@ QUIET_S = 2.0  # while the node is waited for, the controller may send nothing f
 ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; it takes some ticks
 GUARD_S = 0.3  # the guard of a node that was taken repeats beats within that time
 GONE_ON_S = 0.3  # so long the program is watched after it got its arm back: a watchdog that was left behind would stop it after 0.1 s
-SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
 
 
 def node_of(arm: Arm) -> Node:
@@ -115,12 +114,11 @@ def prove_guard(arm: Arm) -> None:
     Raises MotionRefused where it does not, with an arm that has not moved; StreamFailure.
     """
     node, begin_s = node_of(arm), arm.seen_at
-    last_s = node.silent_s(arm.seen_at)
+    node.silent_s(arm.seen_at)  # what it repeated before does not count
     repeated = 0
     while repeated < 3:
         arm.next_row()
-        silent_s = node.silent_s(arm.seen_at)
-        repeated += silent_s == 0.0 and last_s >= 0.0
+        repeated += node.silent_s(arm.seen_at) == 0.0
         if arm.seen_at - begin_s > GUARD_S:
             text = "the guard of the program's node repeats no beat, so nothing would stop a lost arm; is the node's text of this version?"
             raise MotionRefused(f"hand_over: {text}")
@@ -140,15 +138,6 @@ def leave_alone(arm: Arm) -> None:
     """No replay is due any longer: the node costs the program nothing."""
     node_of(arm).say_due(False)
     node_of(arm).let_go()
-
-
-def end_stream(arm: Arm) -> None:
-    """End the stream of targets of an arm at rest in its place. Raises StreamFailure."""
-    arm.rest()
-    assert arm.control is not None
-    with node_of(arm).beating():
-        if not arm.control.stop_servo(SERVO_STOP_RAD_S2):
-            raise arm.refusal()
 
 
 def give_back(arm: Arm) -> None:
@@ -171,7 +160,7 @@ def give_back(arm: Arm) -> None:
     _wait_until_taken_back(arm, node)
     if node.state in {LOST, ASTRAY}:
         raise StreamFailure("astray", "the program's node found the arm elsewhere than it was taken, and ended the program")
-    node.number, arm.program_sent = 0, False
+    node.number, arm.program_sent = NO_NUMBER, False
     arm.outbox.message("given_back")
     begin_s = arm.seen_at
     while arm.seen_at - begin_s < GONE_ON_S:
