@@ -53,6 +53,25 @@ def test_pieces_give_what_the_whole_gives(monkeypatch):
     np.testing.assert_array_equal(pieces.Y[np.array([3, 500]), 1], rows.Y[[3, 500], 1])
 
 
+@pytest.mark.parametrize("step", [1, 4])
+def test_one_of_so_many_rows_of_a_long_recording_is_formed_in_pieces_too(step, monkeypatch):
+    """A recording of hours would fill the memory: a part of its rows is read as all are, and is what the same part of an array is."""
+    monkeypatch.setattr(felt, "PIECE", 123)
+    Y, asked = equations(1).Y, []
+
+    def make(at):
+        block = Y[at].reshape(-1, 21)
+        asked.append(len(block))
+        return list(np.split(block, 3, axis=1))
+
+    fewer = Felt(len(Y), 7, [np.arange(7)] * 3, make).thinned(step, 5)
+    part = Y[::step, :, :5]
+    np.testing.assert_array_equal(np.concatenate([np.stack(blocks, axis=1) for _, blocks in fewer.pieces()]), part)
+    np.testing.assert_array_equal(fewer[np.array([3, 200])], part[[3, 200]])
+    np.testing.assert_array_equal(fewer[1:200:7], part[1:200:7])
+    assert max(asked) <= 123
+
+
 @pytest.mark.parametrize(("alike", "short"), [(1.0, True), (1e-8, False), (0.0, True)])
 def test_columns_added_to_known_factors_give_the_factors_of_all_columns(alike, short, monkeypatch):
     """Also where columns are the same, as a vertical joint 1 feels them; only where they are nearly so, rows are reduced anew."""

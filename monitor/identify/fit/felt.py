@@ -87,8 +87,17 @@ class Felt:
         """One sample of `step`, and the first unknowns alone."""
         stay = [np.flatnonzero(own < unknowns) for own in self.places]
         places = [own[some] for own, some in zip(self.places, stay, strict=True)]
-        blocks = [block[:, some] for block, some in zip(self.at(slice(0, self.samples, step)), stay, strict=True)]
-        return Felt(len(range(0, self.samples, step)), unknowns, places, lambda at: [block[at] for block in blocks])
+        samples = len(range(0, self.samples, step))
+
+        def make(at: slice | Indices) -> list[Array]:
+            if isinstance(at, slice):
+                first, last, stride = at.indices(samples)
+                at = slice(first * step, last * step, stride * step)
+            else:
+                at = at * step
+            return [block[:, some] for block, some in zip(self.at(at), stay, strict=True)]
+
+        return Felt(samples, unknowns, places, make)
 
     def only(self, kept: Mask) -> "Felt":
         """The same with zeros in the columns that are not in `kept` (X,)."""
