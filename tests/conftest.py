@@ -73,7 +73,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     items.sort(key=_rank)
     for item in items:
-        place = item.path.relative_to(ROOT / "tests").as_posix()
+        place = _place(item)
         if place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
         elif place.startswith(WAITING):
@@ -86,7 +86,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def _rank(item: pytest.Item) -> tuple[int, int]:
     """Where a test stands in the order: in real time, waiting, with a module's fixture, other; within these, by folders of long tests."""
-    place = item.path.relative_to(ROOT / "tests").as_posix()
+    place = _place(item)
     if place.startswith(REAL_TIME):
         return 0, next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
     if place.startswith(WAITING):
@@ -96,8 +96,9 @@ def _rank(item: pytest.Item) -> tuple[int, int]:
     return (2 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 3), within
 
 
-def _in_real_time(item: pytest.Item) -> bool:
-    return item.path.relative_to(ROOT / "tests").as_posix().startswith(REAL_TIME)
+def _place(item: pytest.Item) -> str:
+    """A test's module, from the folder of all tests."""
+    return item.path.relative_to(ROOT / "tests").as_posix()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -114,9 +115,10 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
     A process of the idle class ends its turn at once when the arm wakes up; one that is only nice may first use up a part of it.
     """
-    if "PYTEST_XDIST_WORKER" not in os.environ or _in_real_time(item):
+    place = _place(item)
+    if "PYTEST_XDIST_WORKER" not in os.environ or place.startswith(REAL_TIME):
         return
-    if item.path.relative_to(ROOT / "tests").as_posix().startswith(WAITING):
+    if place.startswith(WAITING):
         os.nice(max(GIVE_SOME_WAY - os.nice(0), 0))
         return
     try:
