@@ -8,12 +8,11 @@ from functools import cache
 
 import numpy as np
 
-from monitor.judge.drift.undeclared_change import RigidFit
+from monitor.judge.drift.undeclared_change import MASS_PARAMETERS, RigidFit
 from monitor.model.base import base_parameters
-from monitor.model.robot import PER_JOINT, Mounting, load_robot
+from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, load_robot
 from monitor.recording import Array
 
-RIGID = 10  # the first parameters of each joint: mass, moments, inertias
 STD = np.array([
     0.039, 0.22, 0.054, 0.005, 0.067, 0.032, 0.011, 0.015, 0.13, 0.045, 0.0035, 0.034,
     0.031, 0.012, 0.014, 0.0054, 0.0015, 0.013, 0.0054, 0.0055, 0.0094, 0.0062, 0.0019, 0.00097,
@@ -50,8 +49,8 @@ def _arm() -> tuple[Array, tuple[str, ...], Array, Array]:
     """Columns and names of a UR5's rigid base parameters, what a mass at the flange adds to them, and the manufacturer's values."""
     robot = load_robot("ur5")
     base = base_parameters(robot, Mounting())
-    rigid = np.array(base.columns) % PER_JOINT < RIGID
+    rigid = np.array(base.columns) % PER_JOINT < INERTIAL
     last = PER_JOINT * (robot.joints - 1)
     names = tuple(np.array(base.names)[rigid].tolist())
     values = (base.combination @ robot.nominal_parameters())[rigid]
-    return np.array(base.columns, dtype=float)[rigid], names, base.combination[rigid][:, last : last + 4], values
+    return np.array(base.columns, dtype=float)[rigid], names, base.combination[rigid][:, last : last + MASS_PARAMETERS], values
