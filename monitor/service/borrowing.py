@@ -24,17 +24,18 @@ class BorrowedWindow:
         self._taken_at: float | None = None  # monotonic; None: the program has its arm
         self._back_at: float | None = None  # monotonic; None: the program has not had its arm back yet
         self._waited_s = 0.0
-        self._lost = False
         self.ledger_id: int | None = None  # None: the arm was not taken yet
 
     def enter(self) -> int:
         """The window's number in the ledger, in which it is entered now if it was not. Raises StoreError, MotionRefused."""
         if self.ledger_id is None:
-            self._stack.enter_context(self._replaying)
-            self._entered_at = self._now()
-            self.ledger_id = self._store.ledger.claim(self._due.key_unix_s, self._due.kind, self._entered_at)
-            if self.ledger_id is None:
-                raise MotionRefused("hand_over: the history has this window already")
+            with ExitStack() as stack:  # where it cannot be entered nothing is held: the arm goes back, and somebody may try again
+                stack.enter_context(self._replaying)
+                self._entered_at = self._now()
+                self.ledger_id = self._store.ledger.claim(self._due.key_unix_s, self._due.kind, self._entered_at)
+                if self.ledger_id is None:
+                    raise MotionRefused("hand_over: the history has this window already")
+                self._stack = stack.pop_all()
         return self.ledger_id
 
     def taken(self) -> None:
@@ -46,28 +47,28 @@ class BorrowedWindow:
         if self._taken_at is not None:
             self._waited_s += time.monotonic() - self._taken_at
             self._taken_at, self._back_at = None, time.monotonic()
-            self._note(self.ask_program())  # it plays again: no question keeps it waiting
+            self._note(given_back=True)  # it plays again: no question keeps it waiting
 
     @property
     def back_for_s(self) -> float:
         """For how long the program has had its arm again; 0 before."""
         return 0.0 if self._back_at is None else time.monotonic() - self._back_at
 
-    def lost(self, *, for_good: bool) -> None:
-        """The replay ended early: `for_good` where the program did not get its arm back, and has ended."""
-        self._lost = for_good
-        self._note(self.ask_program())
+    def lost(self) -> None:
+        """The program did not get its arm back, and has ended."""
+        self._note(given_back=False)
 
-    def _note(self, program: str | None) -> None:
-        assert self.ledger_id is not None
+    def _note(self, *, given_back: bool) -> None:
+        if self.ledger_id is None:  # it could not be entered: the ledger has no row that this belongs to
+            return
         self._store.borrows.add(
             Borrow(
                 ledger_id=self.ledger_id,
                 due_since_unix_s=self._due.since_unix_s,
                 taken_at_unix_s=self._entered_at,
-                program=program,
-                waited_s=None if self._lost else self._waited_s,
-                given_back=not self._lost,
+                program=self.ask_program(),
+                waited_s=self._waited_s if given_back else None,
+                given_back=given_back,
             )
         )
 

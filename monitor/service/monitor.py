@@ -128,7 +128,10 @@ class Monitor:
                 if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:
                     return str(error)
                 number = window.enter()
-                window.lost(for_good=isinstance(error, ReplayAborted) and error.borrowed)
+                if isinstance(error, ReplayAborted) and error.borrowed:
+                    window.lost()
+                else:
+                    window.given_back()
                 self._end(number, error)
             else:
                 self._learn(window.enter(), recording)

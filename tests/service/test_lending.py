@@ -14,7 +14,9 @@ from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
 from monitor.publish.metrics import families
 from monitor.publish.timestamps import outside
+from monitor.recording import Recording
 from monitor.service.borrowing import BorrowedWindow
+from monitor.service.daemon import Daemon
 from monitor.service.due import DueReplay
 from monitor.service.monitor_document import borrowed_document, status_line
 from monitor.service.problems import Problems
@@ -288,9 +290,42 @@ def test_the_ledger_says_from_whom_an_arm_was_borrowed_and_for_how_long(tmp_path
         with BorrowedWindow(store, lock, due.another_try(START + 90.0), lambda: START + 120.0) as window:
             window.taken()
             number = window.enter()
-            window.lost(for_good=True)
+            window.lost()
         assert store.borrows.of(store.ledger.rows())[number].waited_s is None
         assert borrowed_text(outside(borrowed_document(store.borrows.of(store.ledger.rows())[number]))).endswith("the program has ended")
         with BorrowedWindow(store, lock, due, lambda: START) as window, pytest.raises(MotionRefused, match="has this window already"):
             window.enter()
         assert not lock.locked()
+
+
+def test_a_window_that_cannot_be_entered_holds_nothing_and_is_no_borrowing(tmp_path: Path):
+    """The ledger refuses it at the node: the arm goes back, whoever asks again does not wait, and no row says that an arm was lent."""
+    due = DueReplay(key_unix_s=THREE, since_unix_s=START, until_unix_s=START + DAY)
+    with Store.open(tmp_path) as store:
+        store.ledger.claim(due.key_unix_s, due.kind, START)
+        lock = threading.Lock()
+        with BorrowedWindow(store, lock, due, lambda: START + 60.0) as window:
+            window.taken()
+            for _ in range(2):
+                with pytest.raises(MotionRefused, match="has this window already"):
+                    window.enter()
+                assert not lock.locked()
+            window.given_back()
+            assert store.borrows.of(store.ledger.rows()) == {}
+
+
+def test_a_fault_before_the_arm_was_taken_is_in_the_ledger_and_is_no_borrowing(tmp_path: Path, free_port: int):
+    """Nobody's program waited: the row says what happened, and not from whom an arm was borrowed."""
+    settings = configuration(tmp_path / "history", bus={"listen": [f"tcp/127.0.0.1:{free_port}"]})
+    due = DueReplay(key_unix_s=THREE, since_unix_s=START, until_unix_s=START + DAY)
+
+    def fails(*_: object) -> Recording:
+        raise TypeError("a fault")
+
+    with (
+        Store.open(tmp_path / "history") as store,
+        Daemon(settings, store, now=lambda: START, play=fails, borrow=fails) as daemon,
+    ):
+        row = daemon.monitor.borrow(due, lambda: True, lambda _: None)
+        assert (row.state, row.reason) == ("aborted", "internal: TypeError: a fault")
+        assert store.borrows.of([row]) == {}
