@@ -1,6 +1,7 @@
 """Answers to a command line that is nearly right: a configuration without its option, or with one where none belongs."""
 
 import shlex
+from itertools import pairwise
 from typing import Any, cast
 
 import typer
@@ -21,20 +22,27 @@ class CommandWithHints(CommandWithLaws):
         try:
             return super().parse_args(ctx, args)
         except UsageError as error:
-            names = {name for parameter in self.get_params(ctx) for name in parameter.opts}
+            parameters = self.get_params(ctx)
+            names = {name for parameter in parameters for name in parameter.opts}
             said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
-            meant = _with_option(line, said) if "--config" in names else _without_option(line, names)
+            with_value = {name for parameter in parameters if not getattr(parameter, "is_flag", False) for name in parameter.opts}
+            meant = _with_option(line, said, with_value) if "--config" in names else _without_option(line, names)
             if meant is None:
                 raise
             command = shlex.join(["joint-monitor", str(ctx.info_name), *meant])
             raise BadInput(f"{ctx.info_name}: {said}; meant is perhaps: {command}") from None
 
 
-def _with_option(line: list[str], said: str) -> list[str] | None:
-    """The line with --config before the file that it names; None where it names none."""
-    named = [part for part in line if part.endswith(".toml") and not part.startswith("-")]
+def _with_option(line: list[str], said: str, with_value: set[str]) -> list[str] | None:
+    """The line with --config before the file that it names; None where it names none, or has that option.
+
+    with_value : the options after which a value stands, which may be another file.
+    """
+    named = [
+        part for before, part in pairwise(["", *line]) if part.endswith(".toml") and not part.startswith("-") and before not in with_value
+    ]
     is_this = "unexpected extra argument" in said or (said.startswith("Missing option") and "--config" in said)
-    if not named or not is_this or any(part in {"-c", "--config"} for part in line):
+    if not named or not is_this or any(part.startswith(("-c", "--config")) for part in line):
         return None
     rest = [part for part in line if part != named[0]]
     return [*rest, "--config", named[0]]

@@ -35,6 +35,21 @@ def test_a_file_without_its_option_is_answered_by_the_command_that_was_meant(cel
     assert right.format(cell=cell) in result.stderr.replace("\n", " ")
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        ("try", "--scenario", "other.toml", "extra"),
+        ("check", "--config=cell-1.toml", "other.toml"),
+        ("check", "-ccell-1.toml", "other.toml"),
+    ],
+)
+def test_a_file_that_another_option_names_is_no_configuration(given):
+    """The value of an option is that; and where a configuration is named already, a second one is not what was meant."""
+    result = ended(*given)
+    assert (result.returncode, "nexpected extra argument" in result.stderr) == (2, True)
+    assert "meant is perhaps" not in result.stderr
+
+
 def test_a_file_beside_the_variable_is_not_passed_over(cell, monkeypatch):
     """The variable names one configuration, the line another: which one is meant is asked, not guessed."""
     monkeypatch.setenv("JOINT_MONITOR_CONFIG", str(cell))
