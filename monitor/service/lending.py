@@ -32,7 +32,10 @@ class Lender(Protocol):
         """The settings in force."""
 
     def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
-        """The row of the replay; why the arm was not taken, where it was not while `waits`. passed : takes why a node was passed by."""
+        """Replay at the program's next node: the row of that; or why the arm was not taken, where it was not while `waits`.
+
+        passed : takes why a node was passed by.
+        """
 
     def note_due(self, due: DueReplay | None) -> None:
         """Take which replay waits for the program's node."""
@@ -72,12 +75,12 @@ class Lending:
             until = window.closes_unix_s if window.why in TRIGGERED else window.opens_unix_s + lent.wait_s
             due = DueReplay(key_unix_s=window.key_unix_s, since_unix_s=window.opens_unix_s, until_unix_s=until, kind=kind, why=window.why)
             if self.due is not None:
-                self._monitor.skip(self.due.key_unix_s, _serves(window.key_unix_s), self.due.kind)
+                self._monitor.skip(self.due.key_unix_s, serves(window.key_unix_s), self.due.kind)
             due.keep(self._store)
             self._take(due)
             log.info("a replay is %s", due.since_text())
         elif kind == "scheduled":
-            self._monitor.skip(window.key_unix_s, _serves(self.due.key_unix_s))
+            self._monitor.skip(window.key_unix_s, serves(self.due.key_unix_s))
         self._not_before = 0.0
 
     def joined(self, window: Window) -> bool:
@@ -89,7 +92,7 @@ class Lending:
         apart = window.closes_unix_s <= self.due.since_unix_s or window.opens_unix_s >= self.due.until_unix_s
         if apart or self.due.why in TRIGGERED:
             return False
-        self._monitor.skip(window.key_unix_s, _serves(self.due.key_unix_s))
+        self._monitor.skip(window.key_unix_s, serves(self.due.key_unix_s))
         return True
 
     def hindered(self, now: float) -> str | None:
@@ -164,5 +167,6 @@ class Lending:
         self._take(None)
 
 
-def _serves(key_unix_s: float) -> str:
+def serves(key_unix_s: float) -> str:
+    """Why a window has no replay of its own: that of another one is enough."""
     return f"one replay serves this window and that of {rfc3339(key_unix_s)}"

@@ -16,12 +16,10 @@ from monitor.acquire.schedule.check import check_windows, reach_back_s
 from monitor.acquire.schedule.observers import ColdStart, WarmUp
 from monitor.acquire.schedule.triggers import Triggers
 from monitor.acquire.schedule.windows import Window, upcoming, windows
-from monitor.config.schema import Configuration
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
-from monitor.service.due import DueReplay
-from monitor.service.lending import Lending
+from monitor.service.lending import Lender, Lending, serves
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
@@ -40,24 +38,11 @@ _WATCHED, _RUNNING, _NOT_BEFORE = "schedule_watched_until", "arm_running_until",
 _FORWARD = "clock_was_set_forward"  # JSON: the times before and after a suspicious jump
 
 
-class Performer(Protocol):
+class Performer(Lender, Protocol):
     """What performs windows: the replay cycle."""
-
-    @property
-    def configuration(self) -> Configuration:
-        """The settings in force."""
 
     def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """Perform one window with all that follows; None where the ledger has it already."""
-
-    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
-        """Replay at the next node of the program that lends the arm; why the arm was not taken, where it was not while `waits`."""
-
-    def note_due(self, due: DueReplay | None) -> None:
-        """Take which replay waits for the program's node."""
-
-    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
-        """Enter a window as skipped, with the reason."""
 
     def recover(self) -> None:
         """Finish what a failing disk left half-way. Raises StoreError."""
@@ -218,17 +203,17 @@ class Scheduler:
             self._next_check = 0.0
 
     def _requested(self) -> None:
+        now = self._clocks.now()
         if self._lending.lent:
-            self._lending.open(Window(self._clocks.now(), self._clocks.now(), self._clocks.now(), "asked for"), "requested")
+            self._lending.open(Window(now, now, now, "asked for"), "requested")
             return
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
-            now = self._clocks.now()
             row = self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
             if row is not None and row.state == "assessed":
                 self._serve_windows_beside(now)
         else:
-            self._monitor.skip(self._clocks.now(), short, "requested")
+            self._monitor.skip(now, short, "requested")
 
     def _serve_windows_beside(self, asked_unix_s: float) -> None:
         """A window that is open when a replay is asked for, or opens soon after, needs no replay of its own once it was learnt from."""
@@ -280,7 +265,7 @@ class Scheduler:
         if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
             return  # the window stays open; it is missed where it closes before temperatures are steady
         for window in found.merged:
-            self._monitor.skip(window.key_unix_s, f"one replay serves this window and that of {rfc3339(found.due.key_unix_s)}")
+            self._monitor.skip(window.key_unix_s, serves(found.due.key_unix_s))
         short = too_little_room(self._store, configuration.store.least_free_mb)
         if short is not None:
             self._monitor.skip(found.due.key_unix_s, short)
