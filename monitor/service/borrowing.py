@@ -15,10 +15,13 @@ from monitor.store.store import Store
 class BorrowedWindow:
     """A context manager. While it is entered nothing else is replayed; before that nothing is held, because days may pass."""
 
-    def __init__(self, store: Store, replaying: Lock, due: DueReplay, now: Callable[[], float]) -> None:
-        """`replaying` is held from the taking of the arm until the context ends."""
+    def __init__(
+        self, store: Store, replaying: Lock, due: DueReplay, now: Callable[[], float], passed_by: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """`replaying` is held from the taking of the arm to the end of the context. passed_by : takes why it was not taken at a node."""
         self.ask_program: Callable[[], str | None] = lambda: None  # which program plays; whoever knows the arm sets it
         self._store, self._replaying, self._due, self._now = store, replaying, due, now
+        self.passed_by = passed_by
         self._stack = ExitStack()
         self._entered_at = 0.0
         self._taken_at: float | None = None  # monotonic; None: the program has its arm

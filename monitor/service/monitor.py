@@ -39,18 +39,10 @@ class Replay(Protocol):
 class Borrow(Protocol):
     """How a recording is made with an arm that a program lends."""
 
-    def __call__(
-        self,
-        excitation: Excitation,
-        context: Context,
-        should_stop: Callable[[], bool],
-        window: BorrowedWindow,
-        passed: Callable[[str], None],
-        /,
-    ) -> Recording:
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: BorrowedWindow, /) -> Recording:
         """One replay at the program's next node. Raises MotionRefused, RobotUnreachable and ReplayAborted.
 
-        The window is entered when the arm is taken; `passed` takes why it was not taken at the last node.
+        The window is entered when the arm is taken, and told why it was not taken at the last node.
         """
 
 
@@ -114,7 +106,7 @@ class Monitor:
         Raises nothing for what a robot may do, as `perform`. Raises StoreError.
         """
         assert self._borrow is not None
-        with BorrowedWindow(self._store, self._state.replaying, due, self._now) as window:
+        with BorrowedWindow(self._store, self._state.replaying, due, self._now, passed) as window:
 
             def should_stop() -> bool:
                 if window.ledger_id is None:
@@ -122,7 +114,7 @@ class Monitor:
                 return self._should_stop() or window.back_for_s > self.configuration.schedule.grace_s
 
             try:
-                recording = self._borrow(self.configuration.excitation, self.configuration.context, should_stop, window, passed)
+                recording = self._borrow(self.configuration.excitation, self.configuration.context, should_stop, window)
             except Exception as error:
                 needs_a_person = isinstance(error, ReplayAborted) and error.needs_a_person
                 if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:

@@ -81,24 +81,16 @@ def serve(
         if replay_now:
             requests.request()
 
-        def over_rtde(excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
-            return _replay_over_rtde(daemon, store, excitation, context, should_stop)
-
-        def borrowed(
-            excitation: Excitation,
-            context: Context,
-            should_stop: Callable[[], bool],
-            window: BorrowedWindow,
-            passed: Callable[[str], None],
-            /,
+        def over_rtde(
+            excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: BorrowedWindow | None = None, /
         ) -> Recording:
-            return _replay_over_rtde(daemon, store, excitation, context, should_stop, window, passed)
+            return _replay_over_rtde(daemon, store, excitation, context, should_stop, window)
 
         def alive() -> None:
             heartbeats.beat("replays", WORKER_PATIENCE_S)
 
         daemon = stack.enter_context(
-            Daemon(configuration, store, now=clocks.now, play=play or over_rtde, borrow=borrowed, requests=requests, alive=alive)
+            Daemon(configuration, store, now=clocks.now, play=play or over_rtde, borrow=over_rtde, requests=requests, alive=alive)
         )
         if configuration.metrics.listen:
             stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
@@ -188,8 +180,7 @@ def _replay_over_rtde(
     excitation: Excitation,
     context: Context,
     should_stop: Callable[[], bool],
-    window: BorrowedWindow | None = None,
-    passed: Callable[[str], None] | None = None,
+    window: BorrowedWindow | None,
 ) -> Recording:
     """The replay of the window that the ledger has claimed last, or of one that is claimed when a program lends the arm."""
 
@@ -203,8 +194,8 @@ def _replay_over_rtde(
 
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)
-        if passed is not None and at.passed_by:
-            passed(at.passed_by)
+        if window is not None and at.passed_by:
+            window.passed_by(at.passed_by)
 
     return move(
         daemon.state.configuration,
