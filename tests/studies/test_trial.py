@@ -6,8 +6,9 @@ import re
 import pytest
 from command_line import ended, program
 
+from monitor.config.load import load
 from monitor.studies.trial.clock import TrialClock
-from monitor.studies.trial.world import TrialArm
+from monitor.studies.trial.world import TrialArm, trial_file
 
 pytestmark = pytest.mark.timeout(300)  # seconds on an idle machine; the physics of a UR5e runs at 500 Hz
 
@@ -40,6 +41,14 @@ def test_the_e_series_path_of_the_documentation_yields_a_verdict(tmp_path):
     result = program("try", "--config", path, "--days", 1, "--speed", 200_000, timeout_s=280)
     assert result.returncode == 0, result.stderr
     assert re.search(r"03:00  assessed  \w+", result.stdout), result.stdout
+
+
+def test_an_arm_that_a_program_lends_is_tried_without_one(tmp_path):
+    """The simulated arm plays no program: the clock would wait for ever at the first window, and the daemon's port is taken."""
+    lent = {"robot": {"model": "ur5", "site": "hall", "id": "cell-1"}, "replay": {"hand_over": "external_control", "permit": "zenoh"}}
+    tried = load(trial_file(tmp_path, lent, "127.0.77.1", 7447, 8080))
+    assert tried.replay.lent is None
+    assert tried.replay.permit == "none"
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def trial_file(folder: Path, document: dict[str, Any], host: str, bus_port: int,
     document = {name: dict(table) for name, table in document.items()}
     document["robot"] |= {"host": host}
     document["robot"].pop("serial", None)  # that of the real arm
-    document.setdefault("replay", {}).update(allow_motion=True, permit="none", windows_utc=[])
+    document.setdefault("replay", {}).update(allow_motion=True, permit="none", windows_utc=[], hand_over="none")
     document.setdefault("store", {})["directory"] = "history"
     document["bus"] = {"listen": [f"tcp/127.0.0.1:{bus_port}"]}
     document["page"] = {"listen": f"127.0.0.1:{page_port}"}
