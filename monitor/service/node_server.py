@@ -3,6 +3,7 @@
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from monitor.acquire.driver import Driver
@@ -33,10 +34,11 @@ class NodeServer:
         problems: Problems,
         *,
         driver: Driver = UNIVERSAL_ROBOTS,
-        make: Callable[[str], NodeText] = node_text,
+        make: Callable[[str], NodeText] | None = None,
     ) -> None:
-        """Listen. Raises BadInput where the port is in use."""
-        self._host, self._directory, self._problems, self._driver, self._make = host, directory, problems, driver, make
+        """Listen. Raises BadInput where the port is in use. make : of the text; None: as the driver's controller says."""
+        self._host, self._directory, self._problems, self._driver = host, directory, problems, driver
+        self._make = make or partial(node_text, driver=driver)
         self._node = kept(directory)
         self._asked = False  # whether the controller has answered since the start
         self._stopping = threading.Event()

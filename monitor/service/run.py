@@ -7,7 +7,6 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,7 +28,6 @@ from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move
 from monitor.service.node_server import NodeServer
-from monitor.service.node_text import node_text
 from monitor.service.page import page
 from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
@@ -97,9 +95,7 @@ def serve(
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
         lent = configuration.replay.lent
         if lent is not None and lent.serves:
-            driver = configuration.driver
-            make = partial(node_text, driver=driver)
-            stack.enter_context(NodeServer(lent, configuration.robot.host, store.directory, problems, driver=driver, make=make))
+            stack.enter_context(NodeServer(lent, configuration.robot.host, store.directory, problems, driver=configuration.driver))
         _handle_signals(daemon.state.stopping)
         heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
         scheduler = Scheduler(daemon.monitor, store, problems, requests, clocks)
