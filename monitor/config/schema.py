@@ -3,14 +3,13 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Literal, get_type_hints
 
 import numpy as np
 from annotated_types import Interval
 
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.ur.driver import UniversalRobots
 from monitor.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
@@ -19,6 +18,9 @@ from monitor.publish.metrics import MetricsSettings
 from monitor.publish.session import BusSettings, prefix
 from monitor.recording import Array, Context
 from monitor.views.web.settings import PageSettings
+
+if TYPE_CHECKING:
+    from monitor.acquire.ur.driver import UniversalRobots
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +84,10 @@ class Configuration:
     notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
 
     @property
-    def driver(self) -> UniversalRobots:
+    def driver(self) -> "UniversalRobots":
         """How this arm's controller is asked and driven."""
+        from monitor.acquire.ur.driver import UniversalRobots  # every command reads a configuration, few ask a controller
+
         return UniversalRobots(robot_api_port=self.robot.robot_api_port)
 
     @property
