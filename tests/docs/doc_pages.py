@@ -3,6 +3,7 @@
 import re
 import shlex
 from pathlib import Path
+from textwrap import dedent
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +41,7 @@ def shown() -> list[Shown]:
     found = []
     for page, text in PAGES.items():
         for block in _BLOCK.findall(text):
-            for part in re.split(r"^\$ ", block.replace("\\\n", ""), flags=re.MULTILINE)[1:]:
+            for part in re.split(r"^\$ ", dedent(block).replace("\\\n", ""), flags=re.MULTILINE)[1:]:  # a block in a list is indented
                 line, *output = part.splitlines()
                 found.append(Shown(page, " ".join(line.split()), tuple(output)))
     return found
