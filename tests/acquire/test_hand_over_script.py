@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from monitor.acquire.hand_over.script import (
@@ -23,7 +23,7 @@ from monitor.acquire.hand_over.script import (
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import TextMessage
+from monitor.simulate.controller.journal import ExceptionMessage, TextMessage
 from monitor.simulate.controller.modes import Runtime
 from monitor.simulate.program_tree import load_tree
 from monitor.simulate.settings import SimulateSettings
@@ -48,18 +48,20 @@ CONTROL = (  # the shape of ur-rtde's text with one command: 11 streams targets 
 )
 
 
+NODES = ('message = "before"', 'external_control = "127.0.0.1"', 'message = "after"', "wait = 0.02")
+
+
 class Cell:
     """A controller whose program hands the arm over between two messages, and the monitor's side of the registers."""
 
-    def __init__(self, folder: Path, **settings: float) -> None:
+    def __init__(self, folder: Path, nodes: tuple[str, ...] = NODES, **settings: float) -> None:
         file = folder / "cell.toml"
-        nodes = ('message = "before"', 'external_control = "127.0.0.1"', 'message = "after"', "wait = 0.02")
         file.write_text('name = "cell"\n' + "".join(f"[[node]]\n{node}\n" for node in nodes))
         tree = load_tree(file)
         self.controller = Controller(SimulateSettings(robot="ur5e", program=tree))
         self.controller.step()
         text = hand_over_script(CONTROL, HandOverSettings(**settings))
-        self.controller.programs.files.serve({tree.hosts[0]: text})
+        self.controller.programs.files.serve(dict.fromkeys(tree.hosts, text))
         assert self.controller.programs.play()
         self.beating = True
 
@@ -176,6 +178,7 @@ def test_a_minute_after_a_good_hand_back_the_program_still_plays(tmp_path):
 
 @settings(max_examples=8, deadline=None)
 @given(offset=st.floats(0.0, 0.3), moment_s=st.floats(0.0, 0.6))
+@example(offset=0.3, moment_s=0.15)  # in full motion
 def test_without_a_beat_the_arm_stops_and_no_node_follows(tmp_path_factory, offset, moment_s):
     """Whenever the monitor dies: the arm stands within a quarter of a second, and the program has ended."""
     cell = Cell(tmp_path_factory.mktemp("cell"))
@@ -187,6 +190,8 @@ def test_without_a_beat_the_arm_stops_and_no_node_follows(tmp_path_factory, offs
     assert np.all(cell.controller.reference.qd == 0.0)
     assert cell.controller.modes.runtime == Runtime.STOPPED
     assert cell.output(STATE) == LOST
+    assert any("contact lost" in text for text in cell.texts)  # by its own stop, although the last target still stands in its register
+    assert not [message for message in cell.controller.journal.messages if isinstance(message, ExceptionMessage)]
     cell.beating = True  # the monitor comes back: nothing begins again
     cell.run(0.3)
     assert cell.texts.count("after") == after
@@ -208,6 +213,82 @@ def test_an_arm_that_is_not_where_it_was_taken_is_not_given_back(tmp_path_factor
     assert cell.controller.modes.runtime == Runtime.STOPPED
     assert cell.texts.count("after") == after
     assert any("not where it was taken" in text for text in cell.texts)
+
+
+@pytest.mark.parametrize("moment", range(16))
+def test_an_arm_that_passes_where_it_was_taken_is_not_given_back(tmp_path, moment):
+    """The number is withdrawn in mid-motion: the program goes on only with an arm that stands there."""
+    cell = Cell(tmp_path)
+    cell.take()
+    taken = cell.controller.reference.q.copy()
+    cell.stream(0.02, 0.3)
+    after = cell.texts.count("after")
+    for i in range(moment + 20):  # 0.2 rad/s back, and past it
+        cell.controller.registers.inputs.doubles[0] = 0.02 - 0.0004 * 2 * i
+        cell.run(0.002)
+    cell.write(0, 0)
+    cell.write(TAKE, 0)
+    for _ in range(100):
+        cell.run(cell.controller.clock.tick_s)
+        if cell.texts.count("after") > after:
+            assert np.all(cell.controller.reference.qd == 0.0)
+            assert np.allclose(cell.controller.reference.q, taken, atol=1e-3)
+            return
+    assert cell.output(STATE) == ASTRAY
+    assert cell.controller.modes.runtime == Runtime.STOPPED
+
+
+def test_a_command_that_stands_in_its_register_takes_no_arm(tmp_path):
+    """What another client left there would move the arm before the monitor has said a word."""
+    cell = Cell(tmp_path)
+    cell.write(0, 11)
+    cell.controller.registers.inputs.doubles[0] = 0.3
+    cell.write(DUE, 1)
+    cell.until(1)
+    before = cell.controller.reference.q.copy()
+    cell.write(TAKE, cell.output(OFFER))
+    done = cell.texts.count("after")
+    cell.run(0.5)
+    assert np.array_equal(cell.controller.reference.q, before)
+    assert cell.texts.count("after") > done
+
+
+def test_the_variables_of_the_program_are_its_own(tmp_path):
+    """The program has names that ur-rtde's text has as well; a replay in between leaves their values."""
+    (tmp_path / "own.script").write_text("global target = 5\nglobal keep_running = 7\nglobal cmd = 9\n")
+    (tmp_path / "lend.script").write_text(hand_over_script(CONTROL))
+    (tmp_path / "says.script").write_text('textmsg("values ", target * 100 + keep_running * 10 + cmd)\n')
+    cell = Cell(tmp_path, nodes=('script = "own.script"', 'script = "lend.script"', 'script = "says.script"', "wait = 0.02"))
+    cell.run(0.2)
+    cell.take()
+    cell.stream(0.1, 0.2)
+    cell.stream(0.0, 0.5)
+    cell.write(0, 0)
+    cell.write(DUE, 0)
+    cell.write(TAKE, 0)
+    cell.until(IDLE)
+    cell.run(0.2)
+    assert len(cell.texts) > 10
+    assert {text for text in cell.texts if "values" in text} == {"values 579"}
+
+
+def test_every_name_of_the_text_is_the_nodes_own():
+    """Keywords of calls, poses and what stands in comments and texts stay; a parameter named p is none of them."""
+    text = hand_over_script(
+        CONTROL.replace(
+            "    def rtde_cmd():",
+            "    def scaled(p, factor):\n        p[0] = p[0] * factor # p and factor\n"
+            '        textmsg("factor: ", factor)\n        gain = 3\n'
+            "        servoj(p, t=0.1, gain=gain)\n        return p[p[0], 0, 0, 0, 0, 0]\n    end\n    def rtde_cmd():",
+        )
+    )
+    assert "def jm_scaled(jm_p, jm_factor):" in text
+    assert "jm_p[0] = jm_p[0] * jm_factor # p and factor" in text
+    assert 'textmsg("factor: ", jm_factor)' in text
+    assert "servoj(jm_p, t=0.1, gain=jm_gain)" in text
+    assert "return p[jm_p[0], 0, 0, 0, 0, 0]" in text
+    with pytest.raises(BadInput, match="leaving"):
+        hand_over_script(CONTROL.replace("    global is_servoing", "    global leaving = 0\n    global is_servoing"))
 
 
 def test_a_number_is_offered_once(tmp_path):

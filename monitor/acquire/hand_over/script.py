@@ -5,7 +5,8 @@ The node offers the arm with a new number. If the monitor has said beforehand th
 monitor changes; without a change for `silence_s` the arm stops and the program ends. Before the first command, while the arm still
 stands as it was taken, the monitor may be silent for `standing_s`. The program goes on at its next node only where the arm stands
 within `near_rad` of where it was taken; anywhere else it ends. Nothing of the loop stays behind: threads are ended, the watchdog ignores
-its input, and output register 0 no longer says "ready".
+its input, and output register 0 no longer says "ready". Every name of the text begins with `jm_`, because the node shares the variables of
+the program: ur-rtde's own names are common words, and a program's `q` or `velocity` would not survive the node.
 
 Registers of integers, in the ranges that ur-rtde leaves to others (outputs 12 … 19, inputs 18 … 22; 24 more in the upper range): output
 OFFER holds the number while the arm is offered or taken, STATE says how far the node is, and ECHO repeats each beat that the guard of the
@@ -21,6 +22,7 @@ from monitor.errors import BadInput
 HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands between them is put once at the top of the program
 LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
 ASK = "cmd = rtde_cmd()"  # how ur-rtde's loop reads its next command
+OURS = "jm_"  # how every name of the served text begins
 ECHO, OFFER, STATE = 17, 18, 19  # output registers of the lower range
 TAKE, BEAT, DUE = 20, 21, 22  # input registers of the lower range
 UPPER = 24  # the upper range lies so much higher
@@ -66,8 +68,55 @@ def hand_over_script(control_script: str, settings: HandOverSettings | None = No
     if loop.count(ASK) != 1:
         raise BadInput(f"hand_over: ur-rtde's loop reads its command {loop.count(ASK)} times as {ASK!r}; expected once")
     own = _filled(_HEADER, settings, int(offset[1]))
-    node = _filled(_NODE, settings, int(offset[1])).replace("LOOP\n", loop.replace(ASK, "cmd = jm_command()").strip("\n") + "\n")
-    return f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
+    loop = _FORCE_MODE.sub("", loop.replace(ASK, "cmd = jm_command()"))
+    node = _filled(_NODE, settings, int(offset[1])).replace("LOOP\n", loop.strip("\n") + "\n")
+    text = f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
+    return _renamed(text, _defined(text))
+
+
+def _defined(text: str) -> set[str]:
+    """The names that a text gives to variables, functions, their parameters and threads."""
+    code = _WORD.sub(lambda found: found[0] if found["name"] else '""', text)  # neither comments nor texts
+    names = {name for line in _DEFINED.finditer(code) for name in line.groups() if name}
+    for parameters in re.findall(r"^\s*def\s+\w+\s*\(([^)]*)\)", code, re.MULTILINE):
+        names |= set(re.findall(r"[A-Za-z_]\w*(?=\s*(?:,|=|$))", parameters))
+    return names
+
+
+def _renamed(text: str, names: set[str]) -> str:
+    """The text with OURS before each of these names; the keywords of a call are names of what is called, and stay.
+
+    Raises BadInput where a name would then be another one of the text.
+    """
+    taken = sorted(name for name in names if not name.startswith(OURS) and OURS + name in names)
+    if taken:
+        raise BadInput(f"hand_over: ur-rtde's control script names {', '.join(taken)}, which {OURS} would make a name of the node")
+    depth, parts, end = 0, [], 0
+    for found in _WORD.finditer(text):
+        depth += _depth(text[end : found.start()])
+        parts.append(text[end : found.start()])
+        end = found.end()
+        name = found["name"]
+        keyword = depth > 0 and _ASSIGNED.match(text, end) is not None
+        ours = name in names and not name.startswith(OURS) and not keyword and not (name == "p" and _is_pose(text, end))
+        parts.append(OURS + found[0] if ours else found[0])
+    return "".join([*parts, text[end:]])
+
+
+def _depth(between: str) -> int:
+    return between.count("(") - between.count(")")
+
+
+def _is_pose(text: str, at: int) -> bool:
+    """Whether a `p` that ends here is that of a pose, p[x, y, z, rx, ry, rz], and not a variable or one of its elements, p[0]."""
+    if not text.startswith("[", at):
+        return False
+    depth = 0
+    for sign in text[at:]:
+        depth += (sign in "[(") - (sign in "])")
+        if depth == 0 or (depth == 1 and sign == ","):
+            return sign == ","
+    return False
 
 
 def _parts(text: str) -> tuple[str, str]:
@@ -92,6 +141,10 @@ def _filled(text: str, settings: HandOverSettings, offset: int) -> str:
     return re.sub(r"\{(\w+)\}", lambda name: figures[name[1]], text)
 
 
+_WORD = re.compile(r'"[^"\n]*"|#[^\n]*|(?<![\w.])(?P<name>[A-Za-z_]\w*)')  # a text, a comment, or a name
+_ASSIGNED = re.compile(r"\s*=(?!=)")
+_DEFINED = re.compile(r"(?:^|\n|\d\s)[ \t]*(?:(?:def|thread)\s+(\w+)|(?:global\s+|local\s+)?([A-Za-z_]\w*)(?:\[[^\]\n]*\])?\s*=(?!=))")
+_FORCE_MODE = re.compile(r"^[ \t]*force_mode_set_(?:gain_scaling|damping)\([^\n]*\n", re.MULTILINE)  # they would replace the program's own
 _REGISTERS = {"ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
 _STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
 _HEADER = """
@@ -99,12 +152,16 @@ _HEADER = """
     global jm_number = 0
     global jm_leaving = 0
     global jm_commanded = False
+    global jm_given_up = False
     global jm_guard_thrd = 0
     global jm_taken_q = [0, 0, 0, 0, 0, 0]
 
     # The next command of the control loop. Once the monitor has withdrawn the number, 255 ends the loop; the 0 before it is needed,
-    # because the loop begins no command until it has seen the end of the one before.
+    # because the loop begins no command until it has seen the end of the one before. Once the arm is given up there is none.
     def jm_command():
+        if jm_given_up:
+            return 0
+        end
         if read_input_integer_register({TAKE}) == jm_number:
             jm_asked = rtde_cmd()
             if jm_asked != 0:
@@ -146,7 +203,9 @@ _HEADER = """
 
     # Ends the program where the arm is: no node may follow from a pose that the program did not choose.
     def jm_give_up(state, text):
+        jm_given_up = True
         write_output_integer_register({STATE}, state)
+        sync()  # the loop ends what it has begun: a thread that it started now would hold the arm while it stops
         jm_end_threads()
         stopj({stop_rad_s2})
         textmsg(text)
@@ -187,7 +246,9 @@ _NODE = """
                 jm_waited_s = jm_waited_s + get_steptime()
                 jm_alive = jm_alive or read_input_integer_register({BEAT}) != jm_first_beat
             end
-            if read_input_integer_register({TAKE}) == jm_number and jm_alive:
+            # a command that stands in its register already is none for this arm
+            if read_input_integer_register({TAKE}) == jm_number and jm_alive and rtde_cmd() == 0:
+                jm_given_up = False
                 jm_taken_q = get_target_joint_positions()
                 jm_leaving = 0
                 jm_commanded = False
@@ -199,6 +260,7 @@ LOOP
                 jm_end_threads()
                 write_output_integer_register(0 + reg_offset_int, 0)
                 rtde_set_watchdog("{watchdog}", 1.0, "ignore")
+                stopj({stop_rad_s2})  # an arm that passes by stands elsewhere
                 jm_joint = 0
                 jm_here_q = get_target_joint_positions()
                 while jm_joint < 6:
