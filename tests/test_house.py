@@ -138,7 +138,7 @@ def test_every_module_that_the_suite_puts_in_a_group_exists(request):
 def test_whatever_moves_an_arm_in_real_time_is_in_one_group(request):
     """Beside each other they would disturb each other: a module that starts an arm and replays on it is in the list of the suite."""
     listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME
-    starts = re.compile(r"simulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
+    starts = re.compile(r"\bsimulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
     replays = re.compile(r"monitor\.acquire\.replay import|replaying\(|\"replay\"|\"--now\"")
     for path in sorted((ROOT / "tests").glob("*/test_*.py")):
         text = path.read_text("utf-8")
