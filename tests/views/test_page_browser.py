@@ -253,6 +253,18 @@ def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme, 
     assert not small
 
 
+def test_the_joints_table_shows_the_remaining_life_at_every_width_in_german(opened):
+    """The longest words: the last column of the table was cut at 1200 pixels."""
+    page = opened[0]("desktop", "light", "de")
+    cut = {}
+    for width in (900, 1000, 1121, 1200, 1320, 1400):
+        page.set_viewport_size({"width": width, "height": 900})
+        cut[width] = page.evaluate(
+            "(() => { const one = document.querySelector('#joints').parentElement; return one.scrollWidth - one.clientWidth })()"
+        )
+    assert not any(cut.values()), cut
+
+
 @pytest.mark.soak
 def test_the_theme_button_is_remembered(opened):
     """A click makes the page dark on a light system, and it stays dark after a reload."""
