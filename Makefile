@@ -54,6 +54,7 @@ lint: $(STAMP) ## style, types, and who may import whom
 
 bench: $(STAMP) ## how fast, side by side in one run
 	$(BIN)/python -m tests.bench
+	$(BIN)/python -m tests.bench.idle
 
 MODELS ?= ur3 ur5 ur10 ur3e ur5e ur10e ur16e ur20 ur30
 excitations: $(STAMP) ## design config/excitation anew, each with its proof: the same files again, about eight minutes
@@ -72,11 +73,13 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
 	@# the service's user reads what root installs, whatever root's umask is
 	umask 022; $(PYTHON) -m venv $(INTO)
-	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots]'
+	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots,plant,archive,gateway]'
 	@# a package is built elsewhere than it will lie
 	test -z "$(DESTDIR)" || grep -lI "$(INTO)" $(INTO)/bin/* $(INTO)/pyvenv.cfg | xargs sed -i 's#$(INTO)#$(PREFIX)#g'
 	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor $(DESTDIR)$(COMMAND)
 	umask 022; sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor@.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service
+	umask 022; sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor-plant.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor-plant.service
+	umask 022; sed 's#/opt/joint-monitor/#$(PREFIX)/#g' deploy/joint-monitor-gateway.service > $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor-gateway.service
 	ln -sfn $(PREFIX)/bin/joint-monitor $(DESTDIR)$(COMMAND)/joint-monitor
 	install -m 644 deploy/joint-monitor.sysusers $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf
 	install -m 644 deploy/joint-monitor.tmpfiles $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
@@ -97,15 +100,16 @@ deb: ## a Debian package of the service for this machine's release and architect
 user: ## for you alone, without developers' tools: a virtual environment in ~/.local/share, the command in ~/.local/bin
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
 	$(PYTHON) -m venv $(HOME)/.local/share/joint-monitor
-	$(HOME)/.local/share/joint-monitor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots]'
+	$(HOME)/.local/share/joint-monitor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots,plant,archive,gateway]'
 	install -d $(HOME)/.local/bin
 	ln -sfn $(HOME)/.local/share/joint-monitor/bin/joint-monitor $(HOME)/.local/bin/joint-monitor
 	@echo "installed: joint-monitor --help (is $(HOME)/.local/bin in your PATH?); next: joint-monitor try, or joint-monitor init"
 
 uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monitor and /var/lib/joint-monitor stay
 	@# stop knows patterns; disable does not, and takes the template for all of its instances
-	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || { systemctl stop 'joint-monitor@*.service'; systemctl disable joint-monitor@.service || true; }
+	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || { systemctl stop 'joint-monitor@*.service' joint-monitor-plant.service joint-monitor-gateway.service; systemctl disable joint-monitor@.service joint-monitor-plant.service joint-monitor-gateway.service || true; }
 	rm -rf $(INTO)
+	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor-plant.service $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor-gateway.service
 	rm -f $(DESTDIR)$(SYSTEM)/systemd/system/joint-monitor@.service $(DESTDIR)$(COMMAND)/joint-monitor
 	rm -f $(DESTDIR)$(SYSTEM)/sysusers.d/joint-monitor.conf $(DESTDIR)$(SYSTEM)/tmpfiles.d/joint-monitor.conf
 	test -n "$(DESTDIR)" -o ! -d /run/systemd/system || systemctl daemon-reload
