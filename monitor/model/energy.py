@@ -16,7 +16,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, known_or_none
 
 ONE_SIDED_95 = 1.645  # standard deviations above the mean, for a one-sided bound of 95 %
 SERIES_POINTS = 500  # of the series in a document; its other figures are of all samples
@@ -161,17 +161,13 @@ def energy_document(
     robot: Robot, t_s: Array, energy: Energy, speed_m_s: Array, regions: Sequence[BodyRegion], payload_kg: float
 ) -> dict[str, object]:
     """The JSON object of `energy --json` for one trajectory with times t_s (N,) and flange speeds (N,); null for unknown."""
-
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     worst, fastest = int(np.argmax(energy.mean)), int(np.argmax(speed_m_s))
     every = max(1, -(-len(t_s) // SERIES_POINTS))
     document: dict[str, object] = {
         "kinetic_energy_j": {
             "max": float(energy.mean[worst]),
-            "std_at_max": number(energy.std[worst]),
-            "upper95_at_max": number(energy.upper[worst]),
+            "std_at_max": known_or_none(energy.std[worst]),
+            "upper95_at_max": known_or_none(energy.upper[worst]),
             "at_s": float(t_s[worst]),
             "mean": float(np.mean(energy.mean)),
             "min": float(np.min(energy.mean)),
@@ -180,7 +176,7 @@ def energy_document(
         "series": {
             "time_s": t_s[::every].tolist(),
             "kinetic_energy_j": energy.mean[::every].tolist(),
-            "std_j": [number(value) for value in energy.std[::every]],
+            "std_j": [known_or_none(value) for value in energy.std[::every]],
             "flange_speed_m_s": speed_m_s[::every].tolist(),
         },
         "statement": STATEMENT,

@@ -2,6 +2,8 @@
 
 Parameters of joint i, in this order: m, mx, my, mz (first moments), Jxx, Jxy, Jxz, Jyy, Jyz, Jzz (about the DH origin, not about the
 centre of mass), all in standard DH frame i; then fc, fv (friction) and Im (rotor inertia referred to the joint).
+Where motors are coupled (`Robot.coupling`), states and torques are those of the motors: friction and rotors act there, and the rigid part
+is that of the joints, seen from the motors.
 The links from j outward act on joint j, and no others. So Y is upper block-triangular, and only that half is computed.
 """
 
@@ -41,7 +43,9 @@ def regressor(robot: Robot, mounting: Mounting, q: Array, qd: Array, qdd: Array)
     J = robot.joints
     Y = np.zeros((J, PER_JOINT * J, len(q)))  # (J, P, N)
     blocks = [Y[: i + 1, PER_JOINT * i : PER_JOINT * i + INERTIAL] for i in range(J)]
-    _fill(blocks, [range(INERTIAL)] * J, robot, mounting, (q, qd, qdd))
+    _fill(blocks, [range(INERTIAL)] * J, robot, robot.gravity(mounting)[:, None], (q, qd, qdd))
+    if robot.coupling is not None:
+        Y = np.tensordot(robot.share_of_motors, Y, 1)
     joints = np.arange(J)
     Y[joints, PER_JOINT * joints + ROTOR] = qdd.T
     for i in range(J):
@@ -56,11 +60,17 @@ class Felt(NamedTuple):
     kinds: tuple[tuple[int, ...], ...]  # of each link: which of its ten inertial columns are asked for
 
 
-def felt_columns(columns: Sequence[int], joints: int) -> Felt:
-    """What each joint feels of these columns of Y (ascending; every joint's fc and fv among them)."""
+def felt_columns(columns: Sequence[int], joints: int, innermost: Sequence[int] | None = None) -> Felt:
+    """What each joint feels of these columns of Y (ascending; every joint's fc and fv among them).
+
+    innermost : as in `Robot`, where motors are coupled; None: each joint's own.
+    """
+    first = range(joints) if innermost is None else innermost
     link, kind = np.divmod(np.asarray(columns), PER_JOINT)
     inertial = kind < INERTIAL
-    places = tuple(np.concatenate([np.flatnonzero(inertial & (link >= j)), np.flatnonzero(~inertial & (link == j))]) for j in range(joints))
+    places = tuple(
+        np.concatenate([np.flatnonzero(inertial & (link >= i)), np.flatnonzero(~inertial & (link == j))]) for j, i in enumerate(first)
+    )
     return Felt(places, tuple(tuple(kind[inertial & (link == i)].tolist()) for i in range(joints)))
 
 
@@ -69,24 +79,35 @@ def felt_regressor(robot: Robot, mounting: Mounting, felt: Felt, q: Array, qd: A
 
     direction : (N, J) stands in the columns of fc. Memory runs along the samples. Raises BadInput as `regressor`.
     """
+    return felt_under(robot, robot.gravity(mounting)[:, None], felt, q, qd, qdd, direction)
+
+
+def felt_under(robot: Robot, gravity: Array, felt: Felt, q: Array, qd: Array, qdd: Array, direction: Array) -> list[Array]:
+    """`felt_regressor` under a gravity of each sample's own, (3, N) or (3, 1) in DH frame 0 [m/s²]."""
     J, ends = robot.joints, np.cumsum([0, *(len(kinds) for kinds in felt.kinds)])
     W = int(ends[-1])
     Y = np.empty((J, W + PER_JOINT - INERTIAL, len(q)))  # each joint's own columns follow those of the links: what it feels is one block
-    _fill([Y[: i + 1, ends[i] : ends[i + 1]] for i in range(J)], felt.kinds, robot, mounting, (q, qd, qdd))
+    blocks = [Y[: i + 1, ends[i] : ends[i + 1]] for i in range(J)]
+    if robot.coupling is None:
+        _fill(blocks, felt.kinds, robot, gravity, (q, qd, qdd))
+    else:
+        Y[:] = 0.0
+        _fill(blocks, felt.kinds, robot, gravity, (q, qd, qdd))
+        Y[:, :W] = np.tensordot(robot.share_of_motors, Y[:, :W], 1)
+    first = ends[robot.innermost] if robot.coupling is not None else ends
     Y[:, W], Y[:, W + 1], Y[:, W + 2] = direction.T, qd.T, qdd.T
-    return [Y[j, ends[j] : ends[j] + len(felt.places[j])].T for j in range(J)]
+    return [Y[j, first[j] : first[j] + len(felt.places[j])].T for j in range(J)]
 
 
-def _fill(
-    blocks: Sequence[Array], kinds: Sequence[Sequence[int]], robot: Robot, mounting: Mounting, state: tuple[Array, Array, Array]
-) -> None:
+def _fill(blocks: Sequence[Array], kinds: Sequence[Sequence[int]], robot: Robot, gravity: Array, state: tuple[Array, Array, Array]) -> None:
     """Fill each link's block (i + 1, K, N): the torque of these of its ten inertial parameters on each axis inward of it.
 
-    state : q, q̇, q̈ as for `regressor`. Raises BadInput where the shapes do not fit the robot.
+    gravity : as in `felt_under`. state : q, q̇, q̈ as for `regressor`. Raises BadInput where the shapes do not fit the robot.
     """
     J, (q, qd, qdd) = robot.joints, state
     if q.ndim != 2 or q.shape[1] != J or qd.shape != q.shape or qdd.shape != q.shape:
         raise BadInput(f"{robot.name}: q, q̇, q̈ are {q.shape}, {qd.shape}, {qdd.shape}; expected (samples, {J}) for each")
+    q, qd, qdd = (robot.joints_of(x) for x in (q, qd, qdd))
     N = len(q)
     angle = q.T + robot.zero_rad[:, None]  # (J, N)
     cos, sin = np.cos(angle), np.sin(angle)  # (J, N)
@@ -94,7 +115,7 @@ def _fill(
 
     # Newton–Euler outward. The base accelerates upward, which has the effect of gravity.
     link = np.zeros((3, 3, N))  # (xyz, [ω, ω̇, a], N) in the present frame
-    link[:, 2] = -robot.gravity(mounting)[:, None]
+    link[:, 2] = -gravity
     # axes of joints 1…J and their moment arms (axis × vector from the axis to the origin), in the present frame
     screw = np.zeros((3, 2, J, N))  # (xyz, [axis, arm], J, N)
     scratch = np.empty((J, N))
@@ -168,25 +189,18 @@ def _link_block(block: Array, kinds: Sequence[int], screw: Array, link: Array, t
     z·n + (z × r)·f. screw : (3, [axis, arm], i, N); link : (3, [ω, ω̇, a], N); turning : (3, 3, N); scratch : (i, N).
     """
     axis, arm, a = screw[:, 0], screw[:, 1], link[:, 2]
-    moment = _moment(link[:, 0], link[:, 1]) if any(kind >= 4 for kind in kinds) else turning
-    for place, kind in enumerate(kinds):
-        into = block[:, place]  # (i, N)
-        if kind == 0:
-            _combined(arm, a, into, scratch)
-        elif kind < 4:
-            _combined(arm, turning[:, kind - 1], into, scratch)
-            row, column = kind % 3, (kind + 1) % 3  # z·(mc × a) = mc·(a × z)
-            into += np.multiply(a[row], axis[column], out=scratch)
-            into -= np.multiply(a[column], axis[row], out=scratch)
-        else:
-            _combined(axis, moment[:, kind - 4], into, scratch)
-
-
-def _combined(v: Array, vector: Array, out: Array, scratch: Array) -> None:
-    """Fill out (i, N) with v·vector, of v (3, i, N) and vector (3, N)."""
-    np.multiply(v[0], vector[0], out=out)
-    out += np.multiply(v[1], vector[1], out=scratch)
-    out += np.multiply(v[2], vector[2], out=scratch)
+    masses, ends = np.searchsorted(kinds, (1, 4))  # places of m, of the first moments, of the inertias
+    if masses:
+        np.einsum("cin,cn->in", arm, a, out=block[:, 0])
+    if ends > masses:
+        chosen = [kind - 1 for kind in kinds[masses:ends]]
+        np.einsum("cin,ckn->ikn", arm, turning[:, chosen] if len(chosen) < 3 else turning, out=block[:, masses:ends])
+    for place, kind in enumerate(kinds[masses:ends], masses):
+        into, row, column = block[:, place], kind % 3, (kind + 1) % 3  # z·(mc × a) = mc·(a × z)
+        into += np.multiply(a[row], axis[column], out=scratch)
+        into -= np.multiply(a[column], axis[row], out=scratch)
+    if ends < len(kinds):
+        np.einsum("cin,ckn->ikn", axis, _moment(link[:, 0], link[:, 1])[:, [kind - 4 for kind in kinds[ends:]]], out=block[:, ends:])
 
 
 def _moment(w: Array, dw: Array) -> Array:

@@ -104,6 +104,9 @@ class Robot:
     zero_rad: Array = field(default_factory=lambda: np.zeros(0))  # (J,) DH angle where the joint reads zero; default: 0
     y_m: Array = field(default_factory=lambda: np.zeros(0))  # (J,) offset along y after Rot(z), beside aᵢ and dᵢ: Hayati (1983); default: 0
     base_rotation: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) DH frame 0 → the robot's base
+    # (J, J) C of θ = C·q: turns of the motors, each in turns of its own joint, by those of the joints. None: each turns its joint alone
+    coupling: Array | None = None
+    recorded_at_motors: bool = False  # recordings hold θ; else q
     endless: Array = field(default_factory=lambda: np.zeros(0))  # (J,) 1: it turns without end, and max_position_rad is for design
 
     def __post_init__(self) -> None:
@@ -122,6 +125,27 @@ class Robot:
         """(J,) largest |q| that a joint can have [rad]; infinite where it turns without end."""
         reach: Array = np.where(self.endless > 0.0, np.inf, self.max_position_rad)
         return reach
+
+    def motors_of(self, x: Array) -> Array:
+        """Positions, speeds or accelerations of the joints (N, J) → those of the motors, each in units of its own joint."""
+        return x if self.coupling is None else x @ self.coupling.T
+
+    def joints_of(self, x: Array) -> Array:
+        """Positions, speeds or accelerations of the motors (N, J) → those of the joints."""
+        return x if self.coupling is None else np.asarray(np.linalg.solve(self.coupling, x.T).T)
+
+    @property
+    def share_of_motors(self) -> Array:
+        """(J, J) S of τ_motor = S·τ_joint: by the power q̇ᵀτ_joint = θ̇ᵀτ_motor it is C⁻ᵀ. Entries of the size of rounding are zero."""
+        if self.coupling is None:
+            return np.eye(self.joints)
+        share = np.linalg.inv(self.coupling).T
+        return np.where(np.abs(share) < 1e-12, 0.0, share)
+
+    @property
+    def innermost(self) -> list[int]:
+        """(J,) of each motor the innermost joint (from 0) whose torque it bears."""
+        return [int(np.flatnonzero(row)[0]) for row in self.share_of_motors]
 
     @property
     def drive_gain_nm_per_a(self) -> Array:
@@ -222,10 +246,22 @@ def robot_from_document(document: dict[str, Any]) -> Robot:
         zero_rad=np.array([link.get("zero_rad", 0.0) for link in links], dtype=float),
         y_m=np.array([link.get("y_m", 0.0) for link in links], dtype=float),
         base_rotation=np.array(document.get("base_rotation", np.eye(3)), dtype=float),
+        coupling=np.array(document["coupling"], dtype=float) if "coupling" in document else None,
+        recorded_at_motors=_at_motors(document),
         endless=np.array([link["name"] in document.get("endless", ()) for link in links], dtype=float),
     )
     _refuse_impossible(robot)
     return robot
+
+
+def _at_motors(document: dict[str, Any]) -> bool:
+    """Whether `positions_at` says that recordings hold those of the motors. Raises BadInput for another word, or without coupling."""
+    where = document.get("positions_at", "joints")
+    if where not in ("joints", "motors"):
+        raise BadInput(f"positions_at: {where!r}; expected joints or motors")
+    if where == "motors" and "coupling" not in document:
+        raise BadInput("positions_at: motors needs the coupling, θ = C·q; without one, both are the same")
+    return bool(where == "motors")
 
 
 def _refuse_impossible(robot: Robot) -> None:
@@ -251,6 +287,9 @@ def _refuse_impossible(robot: Robot) -> None:
     least = np.linalg.eigvalsh(robot.inertia_kg_m2)[:, 0]  # (J,)
     if np.any(least < -1e-6 * np.maximum(np.trace(robot.inertia_kg_m2, axis1=1, axis2=2), 1e-9)):
         raise BadInput(f"inertia_kg_m2 of link {int(np.argmin(least)) + 1} has a negative principal moment: no body has one")
+    C = robot.coupling
+    if C is not None and (C.shape != (J, J) or not np.all(np.abs(C) <= 10.0) or np.linalg.cond(C) > 1e3):
+        raise BadInput(f"coupling: {C.tolist()!r}; expected {J} rows of {J} numbers up to 10 in size, of θ = C·q, that can be inverted")
     turn = robot.base_rotation
     if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
         raise BadInput(f"base_rotation: {turn.tolist()!r}; expected a rotation matrix, 3 × 3")

@@ -6,13 +6,14 @@ Writing: link frame i is DH frame i−1 turned by qᵢ, so every joint turns abo
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.model.robot import Robot
+from monitor.model.transmission import drives_of
 from monitor.recording import Array
 
 MAX_JOINTS = 8
@@ -27,6 +28,7 @@ class _Body:
     """Links that move together, with all joints at zero, in the base link's frame: mass, first and second moments about its origin."""
 
     name: str
+    joint: str  # that carries the body
     origin: Array  # (3,) a point on the axis of the joint that carries the body [m]
     axis: Array  # (3,) unit vector of that axis
     limits: dict[str, float]  # sizes of the joint's limits; infinite where not given
@@ -38,8 +40,9 @@ class _Body:
 def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:
     """The arm that a URDF describes; joint 1 is the one next to the base.
 
-    Torque constants, gear ratios and payload are not part of a URDF and are NaN. A limit that is not given is infinite. The flange's frame
-    is that of the last joint, turned so that z is its axis. Raises BadInput that says what is wrong, where, and what would be right.
+    Gear ratios and coupled motors are those of its transmissions; torque constants and payload are not part of it and are NaN.
+    A limit that is not given is infinite. The flange's frame is that of the last joint, turned so that z is its axis.
+    Raises BadInput that says what is wrong, where, and what would be right.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise BadInput(f"{source}: holds a document type; a URDF needs none, and entities can be made to explode")
@@ -52,7 +55,8 @@ def robot_from_urdf_text(text: str, source: str = "URDF") -> Robot:
     bodies = _chain(tree, source)
     if not 1 <= len(bodies) <= MAX_JOINTS:
         raise BadInput(f"{source}: has {len(bodies)} revolute or continuous joints in a row; expected 1 to {MAX_JOINTS}")
-    return _in_dh_frames(tree.get("name") or "urdf", bodies)
+    drives = drives_of(tree, [body.joint for body in bodies], source)
+    return replace(_in_dh_frames(tree.get("name") or "urdf", bodies), gear_ratio=drives.gear_ratio, coupling=drives.coupling)
 
 
 # --- reading --------------------------------------------------------------------------------------------------------------
@@ -125,7 +129,7 @@ def _chain(tree: ET.Element, source: str) -> list[_Body]:
             if length < 1e-9:
                 raise BadInput(f"{source}: joint {joint.get('name')!r}: its axis is zero; expected a direction")
             limits = {key: _limit(joint, key, source) for key in ("lower", "upper", "effort", "velocity")}
-            bodies.append(_Body(_child(joint), p, R @ axis / length, limits))
+            bodies.append(_Body(_child(joint), joint.get("name", ""), p, R @ axis / length, limits))
             at = (_child(joint), R, p)
     if lost := set(links) - reached:
         raise BadInput(
