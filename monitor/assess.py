@@ -1,8 +1,9 @@
 """Recording and belief → assessment: the whole flow as one function, for the daemon, the commands and the torque study."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification, IdentifySettings
@@ -68,14 +69,11 @@ def assess(
     Raises BadInput where recording, robot and belief do not belong together.
     """
     settings = settings or AssessSettings()
-    refused = _refusal(recording.context.recorded_at_unix_s, belief)
+    refused = refusal(recording.context, recording.quality, recording.samples, belief, settings.trust)
     if refused:
         return refused
-    why_not = quality_problem(recording.quality, recording.samples, settings.trust)
-    if why_not is not None:
-        return Rejected(f"the recording is not to be trusted: {why_not}")
     try:
-        identification = _identified(recording, robot, mounting, gains, settings)
+        identification = identified(recording, robot, mounting, gains, settings)
     except Unidentifiable as why:
         return Rejected(str(why))
     if belief is not None and model is not None and _same_context(belief, recording.context):
@@ -83,6 +81,25 @@ def assess(
         if error is not None:
             belief = replace(belief, prediction_error=prediction_error.update(belief.prediction_error, error, model.residual_rms_nm))
     return judge_identification(identification, recording.context, belief=belief, health=health, settings=settings, source=recording.source)
+
+
+def refusal(
+    context: Context, quality: Mapping[str, Any], samples: int, belief: Belief | None, settings: QualitySettings
+) -> Rejected | None:
+    """Why a recording must not be learned from, as far as that is known before it is identified; None where it may be."""
+    refused = _refusal(context.recorded_at_unix_s, belief)
+    if refused:
+        return refused
+    why_not = quality_problem(quality, samples, settings)
+    return None if why_not is None else Rejected(f"the recording is not to be trusted: {why_not}")
+
+
+def identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
+    """The identification of one recording, with its residual friction: the first half of `assess`.
+
+    Raises BadInput where the recording does not fit the robot, and Unidentifiable where it has too little motion.
+    """
+    return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, residual_friction=True)
 
 
 def judge_identification(
@@ -129,14 +146,9 @@ def model_after(
 
     Raises BadInput where the recording does not fit the robot, and Unidentifiable where it has too little motion.
     """
-    identification = _identified(recording, robot, mounting, gains, settings)
+    identification = identified(recording, robot, mounting, gains, settings)
     coulomb, viscous = belief.lines(settings.temperature)
     return build_model(identification, belief, coulomb=coulomb, viscous=viscous)
-
-
-def _identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
-    """The identification of one recording, with its residual friction."""
-    return identify([recording], robot, mounting, method=settings.method, gains=gains, settings=settings.identify, residual_friction=True)
 
 
 def _same_context(belief: Belief, context: Context) -> bool:

@@ -135,5 +135,17 @@ class StoreUnavailable(StoreError):
     """The disk does not accept data now: it is full, read-only or failing. This may pass, so a caller that can wait tries again."""
 
 
+class ArchiveUnavailable(StoreError):
+    """The archive of recordings does not answer now. This may pass, so a caller that can wait tries again."""
+
+
+class ArchiveRefused(StoreError):
+    """The archive of recordings does not let us in, or is not there: keys, bucket, clock or certificate must be put right."""
+
+
+class ArchiveConflict(StoreError):
+    """What the archive holds under a name is missing, or is not what was recorded. It is never overwritten."""
+
+
 class BusError(MonitorError):
     """The Zenoh session cannot be opened, or nobody answered: check the endpoint and the daemon."""

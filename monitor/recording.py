@@ -3,6 +3,7 @@
 The letters of shapes are the same in all rooms: N samples, J joints, P parameters (13 for each joint), B base parameters.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -34,6 +35,11 @@ JOINT_COLUMNS = {
     "target_current": "target_current",
     "target_moment": "target_moment",
 }
+
+
+def known_or_none(value: float) -> float | None:
+    """A float for a document, or None for a value that is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

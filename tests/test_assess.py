@@ -38,12 +38,12 @@ def on_joint_3(fraction: float) -> np.ndarray:
 
 
 KINDS = ({"autocorrelation": 0.5}, {"fall_per_k": 0.022}, {}, {"noise": 0.01})
-QUIET = [*((kind, 1) for kind in KINDS[:2]), *(pytest.param(kind, 2, marks=pytest.mark.soak) for kind in KINDS)]
+QUIET = [(KINDS[0], 1), *(pytest.param(kind, 2, marks=pytest.mark.soak) for kind in KINDS)]
 
 
 @pytest.mark.parametrize(("kind", "arms"), QUIET, ids=str)
 def test_a_quiet_year_raises_no_wear_alert(kind, arms):
-    """Seasons, warm and cold mornings, 2 % noise, white or correlated: a year of each kind without a wear alert, two in the soak tests.
+    """Seasons, warm and cold mornings, 2 % noise: a year of correlated noise without a wear alert; two of each kind in the soak tests.
 
     Advisories: at most 1 (measured over 36 arm-years: none of a joint, two of the arm's common mode).
     """
@@ -59,7 +59,7 @@ def test_a_cold_monday_is_no_wear():
     assert history.transitions == []
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.soak), pytest.param(3, marks=pytest.mark.soak)])
 def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
     """From day 30 on, 2 % noise: an advisory within 35 days, a wear alert within 45 days (15 % by then), both of joint 3 only."""
     history = lived(80, seed=seed, wear=lambda day: on_joint_3(max(0, day - 30) * 0.1 / 30))
@@ -72,7 +72,7 @@ def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
     assert history.last.friction[2].wear == pytest.approx(truth, abs=0.06)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.soak)])
 def test_a_step_of_eight_percent_is_detected(seed):
     """1 % noise: a wear alert within 8 replays of the step, of joint 3 only, and the size is right to 2.5 %."""
     history = lived(80, seed=seed, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 60)))

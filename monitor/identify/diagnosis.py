@@ -9,19 +9,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from monitor.identify.fit.causes import Causes
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import Rows, factors, residuals_of, solve
+from monitor.identify.fit.least_squares import Rows
+from monitor.identify.signals.filters import low_pass
 from monitor.identify.warnings import MOVING_SHARE, DataWarning, moving_share
-from monitor.model.friction import residual_law
+from monitor.model.friction import smooth_sign
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask
 
 POOR = 0.15  # of the torque's RMS: the residual of real arms in motion is 2–9 % of it
 LATE_S = 0.025  # real wrists grip before they slide, which looks like 10–22 ms; a filter or a slow clock delays by more
 LATE_ALL_S = 0.017  # of the median joint; on real arms it is 5–12 ms
+QUICK_HZ = 1.5  # faster changes of the torque are those of reversals and of inertia
+SMOOTHED = 0.5  # of them may be missing in the median joint; of real arms 0.17–0.34, as wrists grip before they slide
+QUICK_SHARE = 0.02  # of the torque's RMS: with less, the motion has no quick changes
+DRIFTS = 0.12  # of the torque, from the beginning of a recording to its end, in the median joint; of real arms 0.03 at most
 LONGEST_S = 0.3  # delay that is tried
 IMPROVED = 0.7  # of the residual may remain where a delay explains it
 OFFSET = 0.15  # of the friction at 0.4 rad/s; on real arms it is below 0.1
@@ -34,6 +40,8 @@ HEAVY = 0.08  # of the joint's largest torque: on a lighter joint a tool may wei
 ALIKE = 0.9  # cosine at which the torques of the fitted arm and of the manufacturer's are the same but for their size
 EXPLAINED = 0.5  # of the residual's square: another joint's motion explains it
 REFERENCE_RAD_S = 0.4
+# turns of a motor, by those of another joint
+COUPLINGS = tuple(sign * quarter / 4.0 for quarter in range(1, 9) for sign in (1.0, -1.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,24 +55,33 @@ class _Traces:
 
 
 def diagnose(
-    problem: FitProblem, found: Fit, robot: Robot, *, nominal: Array, friction_nm: Array, relative_rms: Array
+    problem: FitProblem, found: Fit, causes: Causes, robot: Robot, *, nominal: Array, friction_nm: Array, relative_rms: Array
 ) -> Iterator[DataWarning]:
     """Warnings about fits that are poor, and about causes that bend friction without a large residual.
 
-    nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s. relative_rms : (J,) residual over torque.
+    causes : of the fit. nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s.
+    relative_rms : (J,) residual over torque.
     Joints that hardly move have a warning of their own and none of these.
     """
     seen = moving_share([eq.used for eq in problem.equations]) > MOVING_SHARE  # (J,)
     friction_nm = np.where(seen, friction_nm, np.nan)
-    traces = _traces(problem, found)
+    traces = _traces(problem, causes, found)
     poor = seen & (relative_rms > POOR)
     yield from _late(_shifted(problem, found, traces, poor) if poor.any() else traces, seen)
     yield from _offsets(traces, friction_nm)
+    yield from _shapes(found, causes, problem.equations[0].motion.rate_hz, seen & ~poor)
     yield from _gains(problem, robot, nominal, found.solution.values[: len(problem.prior)], friction_nm)
     relative_rms = np.where(seen, relative_rms, np.nan)
     for j in np.flatnonzero(relative_rms > POOR):
-        cause = _explained_by(found, int(j), len(relative_rms))
-        also = "" if cause is None else f"; the motion of joint {cause + 1} explains most of it: coupled axes, or exchanged columns"
+        also = ""
+        if (coupled := _coupled(problem, found, int(j))) is not None:
+            other, share = coupled
+            also = (
+                f"; friction at the speed of joint {j + 1} {share:+.2g} × that of joint {other + 1} explains most of it: coupled axes; "
+                "expected the arm with its coupling, by --robot arm.toml or the transmissions of --urdf"
+            )
+        elif (cause := _explained_by(found, int(j), len(relative_rms))) is not None:
+            also = f"; the motion of joint {cause + 1} explains most of it: coupled axes, or exchanged columns"
         yield DataWarning(
             "poor_fit", f"joint {j + 1}: the model misses {relative_rms[j]:.0%} of the torque, on a sound recording below 10 %{also}"
         )
@@ -76,7 +93,10 @@ def _late(traces: _Traces, seen: Mask) -> Iterator[DataWarning]:
     late, std = traces.late_s, traces.late_std_s
     sure = seen & (np.abs(late) > SURE * std)
     middle = float(np.median(late[seen]))
-    if abs(middle) > LATE_ALL_S and np.sum(sure) > 0.5 * np.sum(seen):
+    # grip and wear of the gears make each joint's delay unsure; one clock delays all joints alike, and together they are sure
+    certainty = np.where(seen, 1.0 / np.maximum(std, 1e-6) ** 2, 0.0)
+    mean, mean_std = float(certainty @ np.nan_to_num(late) / np.sum(certainty)), float(1.0 / np.sqrt(np.sum(certainty)))
+    if min(abs(middle), abs(mean)) > LATE_ALL_S and middle * mean > 0.0 and abs(mean) > SURE * mean_std:
         joints, size = "all joints", middle
     else:
         beyond = np.flatnonzero(sure & (np.abs(late - middle) > LATE_S))
@@ -115,6 +135,37 @@ def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _T
     return replace(traces, late_s=late, late_std_s=std)
 
 
+def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[DataWarning]:
+    """Torque that was smoothed, or whose size drifts, in the joints that the model describes `well` (J,).
+
+    The torque of the fit is compared with the measured one above `QUICK_HZ`, and between the beginning and the end of each recording.
+    """
+    if np.sum(well) < 0.5 * len(well):
+        return
+    smooth = low_pass(rate_hz / causes.every, 2, min(QUICK_HZ, 0.2 * rate_hz / causes.every))
+    both, quick, size, drift, drifted = np.zeros((5, len(well)))  # sums of squares and products
+    for rec, torque in zip(causes.rows, found.torques, strict=True):
+        measured, fitted = rec.torque_nm, torque[:: causes.every]
+        fast, expected = (np.where(rec.used, signal - smooth(signal), 0.0) for signal in (measured, fitted))
+        both, quick, size = both + np.sum(fast * expected, axis=0), quick + np.sum(expected**2, axis=0), size + np.sum(fitted**2, axis=0)
+        aged = np.where(rec.used, np.linspace(-0.5, 0.5, len(fitted))[:, None] * fitted, 0.0)
+        drift, drifted = drift + np.sum(aged * (measured - fitted), axis=0), drifted + np.sum(aged**2, axis=0)
+    shown = well & (quick > QUICK_SHARE**2 * size)
+    if np.sum(shown) >= 0.5 * len(well) and (left := float(np.median(both[shown] / quick[shown]))) < SMOOTHED:
+        yield DataWarning(
+            "torque_smoothed",
+            f"only {max(left, 0.0):.0%} of what current or torque would change faster than {QUICK_HZ:g} Hz is there: it was smoothed, "
+            "and friction comes out too small",
+        )
+    grown = float(np.median(drift[well] / np.maximum(drifted[well], 1e-300)))
+    if abs(grown) > DRIFTS:
+        yield DataWarning(
+            "torque_drifts",
+            f"current or torque {'grows' if grown > 0.0 else 'falls'} by {abs(grown):.0%} beside the motion, from beginning to end: "
+            "no friction does this in all joints at once",
+        )
+
+
 def _offsets(traces: _Traces, friction_nm: Array) -> Iterator[DataWarning]:
     sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(friction_nm))
     for j in np.flatnonzero(sure):
@@ -128,7 +179,7 @@ def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, fri
     """Friction or weight of a size that the joint cannot have."""
     weight = [0.0] * robot.joints, [0.0] * robot.joints, [0.0] * robot.joints
     for eq in problem.equations:
-        part = eq.Y[:: max(1, len(eq.Y) // ROWS)]
+        part = eq.Y.thinned(max(1, len(eq.Y) // ROWS), len(values))
         fitted, given = part @ np.where(problem.layout.load, values, 0.0), part @ np.where(problem.layout.load, nominal, 0.0)
         for total, product in zip(weight, (fitted * given, given * given, fitted * fitted), strict=True):
             total[:] = [sum(pair) for pair in zip(total, np.mean(product, axis=0), strict=True)]
@@ -149,26 +200,17 @@ def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, fri
                 yield DataWarning("gain_doubtful", f"{text}: joint gains, their sign, or the robot's model are wrong")
 
 
-def _traces(problem: FitProblem, found: Fit) -> _Traces:
+def _traces(problem: FitProblem, causes: Causes, found: Fit) -> _Traces:
     """Delay and offset of each joint's torque, fitted beside the law of the residual friction on a part of the rows."""
-    step = max(1, sum(len(rec.Y) for rec in found.rows) // ROWS)
-    rows, law, B = [], residual_law(), len(problem.prior)
-    for eq, rec in zip(problem.equations, found.rows, strict=True):
-        slope = np.gradient(rec.Y @ found.solution.values, axis=0) * eq.motion.rate_hz  # (N, J) [N·m/s]
-        extras = eq.extra_columns(law, found.solution.values[:B], problem.layout)
-        beside = np.concatenate([extras, slope[:, :, None], np.ones((*slope.shape, 1))], axis=2)[::step]
-        part = rec.thinned(step, B)
-        rows.append(part._replace(Y=Felt.of(part.Y).with_own(beside)))
-    unknowns = rows[0].Y.shape[2]
-    solution = solve(factors(rows), found.weights, np.append(problem.prior, np.zeros(unknowns - B)))
-    left = residuals_of(rows, solution.values)
+    solution, left = causes.beside(("delay", "offset"))
     scale = found.weights * np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))  # (J,) of the residual in units of the weights
-    alike = np.sqrt(max(1.0, CORRELATED_S * problem.equations[0].motion.rate_hz / step))  # residuals agree for half a second
+    # residuals agree for half a second
+    alike = np.sqrt(max(1.0, CORRELATED_S * problem.equations[0].motion.rate_hz / causes.every))
     J = len(scale)
-    std = alike * scale[:, None] * np.linalg.norm(solution.directions, axis=1)[B:].reshape(J, -1)  # (J, E)
-    beside_values = np.where(solution.excited[B:], solution.values[B:], 0.0).reshape(J, -1)
-    late, offset = beside_values[:, -2], beside_values[:, -1]
-    return _Traces(late_s=-late, late_std_s=std[:, -2], offset_nm=offset, offset_std_nm=std[:, -1])
+    own = slice(len(solution.values) - 2 * J, None)  # each joint's delay and offset
+    std = alike * scale[:, None] * np.linalg.norm(solution.directions[own], axis=1).reshape(J, 2)
+    late, offset = np.where(solution.excited[own], solution.values[own], 0.0).reshape(J, 2).T
+    return _Traces(late_s=late, late_std_s=std[:, 0], offset_nm=offset, offset_std_nm=std[:, 1])
 
 
 def _explained_by(found: Fit, j: int, joints: int) -> int | None:
@@ -184,6 +226,28 @@ def _explained_by(found: Fit, j: int, joints: int) -> int | None:
         if explained > share:
             best, share = k, explained
     return best
+
+
+def _coupled(problem: FitProblem, found: Fit, j: int) -> tuple[int, float] | None:
+    """The other joint (from 0), and the share of its speed, with which a motor turns that joint j's friction is of; None where none is."""
+    step = max(1, sum(len(rec.Y) for rec in found.rows) // ROWS)
+    residuals, speeds = [], []
+    for eq, rec, left in zip(problem.equations, found.rows, found.residuals, strict=True):
+        at = np.flatnonzero(rec.used[:, j])[::step]
+        residuals.append(left[at, j])
+        speeds.append(eq.motion.qd[at])
+    residual, qd = np.concatenate(residuals), np.concatenate(speeds)  # (n,), (n, J)
+    own = [smooth_sign(qd[:, j]), qd[:, j]]
+    size, best, chosen = float(residual @ residual), EXPLAINED, None
+    for k in range(qd.shape[1]):
+        for share in COUPLINGS if k != j else ():
+            turns = qd[:, j] + share * qd[:, k]
+            columns = np.stack([*own, smooth_sign(turns), turns], axis=1)
+            fitted = columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+            explained = float(fitted @ fitted) / max(size, 1e-300)
+            if explained > best:
+                best, chosen = explained, (k, share)
+    return chosen
 
 
 def _own_motion(rec: Rows, k: int) -> Array:

@@ -12,11 +12,12 @@ from monitor.identify.gains import Gains
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, Identification
 from monitor.identify.payload import NAMES as PAYLOAD_NAMES
 from monitor.identify.payload import Payload
+from monitor.identify.signals.ripple import Ripple
 from monitor.identify.validate import Validation
 from monitor.model.base import base_parameters
 from monitor.model.friction import CONCAVE_EXPONENT
 from monitor.model.robot import Mounting, Robot
-from monitor.recording import Array
+from monitor.recording import Array, known_or_none
 
 NINETY = 1.645  # standard deviations on each side of an interval of 90 %
 LARGEST = 1e6  # [kg, kg·m, kg·m², N·m] no arm has a larger parameter
@@ -45,7 +46,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
         "method": found.method,
         "base_parameters": {
             "count": len(found.names),
-            "condition_number": _number(found.condition_number),
+            "condition_number": known_or_none(found.condition_number),
             "names": list(found.names),
             "values": _numbers(found.values),
             "std": _numbers(found.std),
@@ -68,7 +69,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
             "rms_nm": _numbers(found.rms_nm),
             "relative_rms": _numbers(found.relative_rms),
             "rms_all_nm": _numbers(found.rms_all_nm),
-            "normalised_error_nm": _number(found.normalised_error_nm),
+            "normalised_error_nm": known_or_none(found.normalised_error_nm),
         },
         "validation": [
             {
@@ -78,12 +79,13 @@ def document(identification: Identification, validations: Sequence[Validation] =
                 "relative_rms": _numbers(validation.relative_rms),
                 "r2": _numbers(validation.r2),
                 "rms_all_nm": _numbers(validation.rms_all_nm),
-                "normalised_error_nm": _number(validation.normalised_error_nm),
+                "normalised_error_nm": known_or_none(validation.normalised_error_nm),
                 "nominal_rms_nm": _numbers(validation.nominal_rms_nm),
-                "nominal_normalised_error_nm": _number(validation.nominal_normalised_error_nm),
+                "nominal_normalised_error_nm": known_or_none(validation.nominal_normalised_error_nm),
             }
             for validation in validations
         ],
+        **({} if found.ripple is None else {"ripple": _ripple(found.ripple)}),
         **({} if found.physical is None else {"physical": physical_document(found.physical)}),
         "warnings": [{"code": warning.code, "text": warning.text} for warning in found.warnings],
     }
@@ -93,9 +95,9 @@ def physical_document(physical: PhysicallyConsistentArm) -> dict[str, Any]:
     """The physically consistent arm: tensors about the centres of mass, in DH frames."""
     arm = physical.robot
     return {
-        "residual_ratio": _number(physical.residual_ratio),
+        "residual_ratio": known_or_none(physical.residual_ratio),
         "links": [
-            {"name": name, "mass_kg": _number(mass), "com_m": _numbers(com), "inertia_kg_m2": [_numbers(row) for row in inertia]}
+            {"name": name, "mass_kg": known_or_none(mass), "com_m": _numbers(com), "inertia_kg_m2": [_numbers(row) for row in inertia]}
             for name, mass, com, inertia in zip(arm.link_names, arm.mass_kg, arm.com_m, arm.inertia_kg_m2, strict=True)
         ],
         "coulomb_nm": _numbers(physical.coulomb_nm),
@@ -118,6 +120,21 @@ def _at_speed(found: Identification, speed_rad_s: float) -> dict[str, Any]:
     return {"speed_rad_s": speed_rad_s, "torque_nm": _numbers(torque_nm), "another_run_90_nm": _numbers(NINETY * std_nm)}
 
 
+def _ripple(ripple: Ripple) -> list[dict[str, Any]]:
+    """Gear ripple of each joint's current, a figure for each number of cycles a turn, and why one is not known."""
+    return [
+        {
+            "joint": j + 1,
+            "cycles_per_turn": [known_or_none(cycles) for cycles in ripple.cycles_per_turn[j]],
+            "amplitude_a": _numbers(ripple.amplitude_a[j]),
+            "std_a": _numbers(ripple.std_a[j]),
+            "up_to_rad_s": _numbers(ripple.highest_rad_s[j]),
+            "why_not": list(why),
+        }
+        for j, why in enumerate(ripple.why)
+    ]
+
+
 def _law(found: Identification) -> dict[str, Any]:
     """The friction law; for a law richer than the paper's, each parameter of each joint."""
     law: dict[str, Any] = {"name": found.law.name, "parameters": list(found.law.parameters)}
@@ -131,7 +148,7 @@ def _law(found: Identification) -> dict[str, Any]:
             "load_nm": _numbers(fitted.load_nm),
         }
     if found.held_out:
-        law["held_out"] = {name: _number(error) for name, error in found.held_out.items()}
+        law["held_out"] = {name: known_or_none(error) for name, error in found.held_out.items()}
     return law
 
 
@@ -194,11 +211,11 @@ def payload_document(payload: Payload) -> dict[str, Any]:
     """The payload at the flange, in the last DH frame."""
     std = np.sqrt(np.diag(payload.covariance))
     return {
-        "mass_kg": _number(payload.mass_kg),
-        "mass_std_kg": _number(payload.mass_std_kg),
+        "mass_kg": known_or_none(payload.mass_kg),
+        "mass_std_kg": known_or_none(payload.mass_std_kg),
         "com_m": _numbers(payload.com_m),
-        "parameters": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, payload.parameters, strict=True)},
-        "std": {name: _number(value) for name, value in zip(PAYLOAD_NAMES, std, strict=True)},
+        "parameters": {name: known_or_none(value) for name, value in zip(PAYLOAD_NAMES, payload.parameters, strict=True)},
+        "std": {name: known_or_none(value) for name, value in zip(PAYLOAD_NAMES, std, strict=True)},
         "rms_nm": _numbers(payload.rms_nm),
         "relative_rms": _numbers(payload.relative_rms),
         "samples": payload.samples,
@@ -214,9 +231,5 @@ def _array(values: Any, count: int) -> Array:
     return numbers
 
 
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _numbers(values: Array) -> list[float | None]:
-    return [_number(value) for value in values]
+    return [known_or_none(value) for value in values]

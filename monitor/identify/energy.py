@@ -6,6 +6,7 @@ from typing import NamedTuple
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
 from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import motion
 from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
 from monitor.model.fourier import Excitation
@@ -26,8 +27,9 @@ class EnergyPath(NamedTuple):
 def path_of_recording(recording: Recording, robot: Robot) -> EnergyPath:
     """The measured motion of a recording. Raises BadInput where the recording is of another arm."""
     refuse_other_arm(recording, robot)
-    moved = motion(recording)
-    return EnergyPath(recording.source, moved.t_s - moved.t_s[0], moved.q, moved.qd, recording.context.payload_kg)
+    moved = motion(at_motors(recording, robot))
+    q, qd = robot.joints_of(moved.q), robot.joints_of(moved.qd)
+    return EnergyPath(recording.source, moved.t_s - moved.t_s[0], q, qd, recording.context.payload_kg)
 
 
 def path_of_excitation(name: str, excitation: Excitation, robot: Robot) -> EnergyPath:
@@ -59,7 +61,7 @@ def energy_along(
     found = identify(recordings, robot, mounting, gains=gains)
     speed = flange_speed(robot, path.q, path.qd)
     covariance = found.covariance if found.total_covariance is None else found.total_covariance
-    energies = kinetic_energy(robot, path.q, path.qd, found.columns, found.values, covariance)
+    energies = kinetic_energy(robot, robot.motors_of(path.q), robot.motors_of(path.qd), found.columns, found.values, covariance)
     # the last link as identified contains what was in the hand then; only the mass beyond that is added
     energies = energies.with_payload(max(mass_kg - identified_with_kg, 0.0) if mass_kg >= 0.0 else mass_kg, speed)
     return {

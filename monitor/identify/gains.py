@@ -17,6 +17,7 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
 from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion, SignalSettings, motion
 from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
@@ -138,7 +139,7 @@ def _moved(recording: Recording, robot: Robot, settings: SignalSettings) -> Moti
     refuse_other_arm(recording, robot)
     if recording.joints != robot.joints:
         raise BadInput(f"{name}: has {recording.joints} joints; {robot.name} has {robot.joints}")
-    return motion(recording, settings)
+    return motion(at_motors(recording, robot), settings)
 
 
 def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payload: Array) -> list[_Run]:

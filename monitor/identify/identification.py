@@ -8,6 +8,7 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.identify.signals.motion import SignalSettings
+from monitor.identify.signals.ripple import Ripple
 from monitor.identify.warnings import DataWarning
 from monitor.model.friction import PAPER, STANDSTILL_SPEED_RAD_S, FrictionLaw
 from monitor.model.robot import Mounting
@@ -112,6 +113,7 @@ class Identification:
     residual_friction: ResidualFrictionFit | None = None  # None: not asked for
     residual_peak_rad: Array | None = None  # (J,) where along the joint the residual is largest; NaN where it did not move
     physical: "PhysicallyConsistentArm | None" = None  # None: the method was not `consistent`
+    ripple: Ripple | None = None  # of the gears; None where the recordings hold no current, or no gear ratio is known
 
     @property
     def law(self) -> FrictionLaw:

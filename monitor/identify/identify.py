@@ -9,6 +9,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify import warnings as remarks_on
 from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
+from monitor.identify.fit.causes import Causes
 from monitor.identify.fit.covariance import covariances, law_doubt, mapped, positive
 from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
 from monitor.identify.fit.fit import Fit, first_fit, fit, refit
@@ -19,7 +20,9 @@ from monitor.identify.fit.selection import choose_law
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
+from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion
+from monitor.identify.signals.ripple import combined, gear_ripple
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.signals.together import motions_of
 from monitor.identify.signals.torque import joint_torque
@@ -79,6 +82,7 @@ def identify(
     refuse_twice(recordings)
     if method == "robust":
         settings = replace(settings, signals=replace(settings.signals, despike=True))
+    recordings = [at_motors(recording, robot) for recording in recordings]
     motions = motions_of(recordings, settings.signals)
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     warnings = list(remarks_on.of_recordings(recordings))
@@ -91,7 +95,8 @@ def identify(
         method=method, friction=friction, rigid_from=rigid_from, settings=settings, residual_friction=residual_friction
     )
     found = identify_motions(motions, torques, robot, mounting, options, warnings)
-    return replace(found, warming_k_per_min=warming(recordings))
+    ripples = [gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz) for moved in motions]
+    return replace(found, warming_k_per_min=warming(recordings), ripple=combined(ripples))
 
 
 def identify_motions(
@@ -121,7 +126,8 @@ def identify_motions(
     physical, free = None, found.solution
     if options.method == "consistent":
         found, physical = _physical(found, base, robot)
-    paper = _paper_parameters(problem, found, free, options.rigid_from)
+    causes = Causes(problem, found, problem.redundancy)
+    paper = _paper_parameters(problem, found, free, causes, options.rigid_from)
     speeds, measured = np.concatenate([moved.qd for moved in motions]), np.concatenate(list(torques))
     moves = [moved.moving(options.settings.moving_rad_s) for moved in motions]
     moving = np.concatenate(moves)
@@ -141,6 +147,7 @@ def identify_motions(
     own_warnings += diagnose(
         problem,
         found,
+        causes,
         robot,
         nominal=base.combination @ robot.nominal_parameters(),
         friction_nm=paper.coulomb_nm + REFERENCE_RAD_S * paper.viscous_nm_s_per_rad,
@@ -236,10 +243,12 @@ class _PaperParameters(NamedTuple):
     paper_d: Array
 
 
-def _paper_parameters(problem: FitProblem, found: Fit, free: Solution, rigid_from: Identification | None) -> _PaperParameters:
-    """The paper's base parameters and their covariances, whatever the friction law. free : as in `covariances`."""
+def _paper_parameters(
+    problem: FitProblem, found: Fit, free: Solution, causes: Causes, rigid_from: Identification | None
+) -> _PaperParameters:
+    """The paper's base parameters and their covariances, whatever the friction law. free, causes : as in `covariances`."""
     layout, solution = problem.layout, found.solution
-    sure = covariances(problem, found, free)
+    sure = covariances(problem, found, free, causes)
     covariance = sure.noise
     unknown = ~solution.excited
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan

@@ -16,13 +16,13 @@ import numpy as np
 import scipy
 
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import triangle
+from monitor.identify.fit.least_squares import reduced, scattered, triangle
 from monitor.identify.signals.motion import Motion
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
-from monitor.model.regressor import felt_columns, felt_regressor
+from monitor.model.regressor import Felt, felt_columns, felt_under
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
@@ -156,29 +156,40 @@ class _Problem:
         self.weighty = np.flatnonzero(kinds < 4)  # places of masses and first moments: gravity acts only on these
         self.nominal = np.append(base.combination @ robot.nominal_parameters(), np.zeros(free))  # (B,)
         step = max(1, sum(moved.samples for moved in motions) // samples)
-        rows = [_rows(moved, torque, robot, base.columns, self.weighty, step, free) for moved, torque in zip(motions, torques, strict=True)]
+        felt, W = felt_columns(base.columns, robot.joints, robot.innermost), len(self.weighty)
+        rows = [_rows(moved, torque, robot, felt, self.weighty, step, offsets) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
         for j in range(robot.joints):
-            A = np.concatenate([one[used[:, j], j] for one, used in rows])  # (n, B + 3W + 1)
-            if len(A) <= A.shape[1]:
+            A = np.concatenate([blocks[j][:, used[:, j]] for blocks, used in rows], axis=1)  # (K, n)
+            if A.shape[1] <= B + 3 * W + 1:
                 continue  # the joint hardly moves
-            R = triangle(A)
+            weighty = np.flatnonzero(np.isin(self.weighty, felt.places[j]))
+            own = [base.count + j] if offsets else []
+            places = np.concatenate([felt.places[j], own, *(B + k * W + weighty for k in range(3)), [B + 3 * W]]).astype(np.intp)
+            acts = np.any(A != 0.0, axis=1)
+            R = scattered(reduced(A[acts].T), places[acts], B + 3 * W + 1)
             # gravity is free in each sample's direction here, so the residual is noise and friction that no law describes
-            left = abs(R[-1, -1]) / math.sqrt(len(A))
-            weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(len(A)) + 1e-12)
+            n = A.shape[1]
+            left = abs(R[-1, -1]) / math.sqrt(n)
+            weight = 1.0 / max(left, 1e-9 * float(np.linalg.norm(R[:, -1])) / math.sqrt(n) + 1e-12)
             factors.append(weight * R)
             self.size += weight**2 * float(R[:, -1] @ R[:, -1])
             moving_s = sum(float(np.sum(used[:, j])) * step / moved.rate_hz for (_, used), moved in zip(rows, motions, strict=True))
             evidence += moving_s / CORRELATED_S  # independent samples
         self.evidence = max(evidence, 1.0)
-        C: Array = np.zeros((1, B + 3 * len(self.weighty) + 1))
-        if factors:
-            C = np.asarray(np.linalg.qr(np.concatenate(factors), mode="r"))
+        C = triangle(np.concatenate(factors)) if factors else np.zeros((1, B + 3 * W + 1))
+        self._last: tuple[Array, _Solved] | None = None
         self.still, self.torque = C[:, :B], C[:, -1]
         self.pull = np.stack(np.split(C[:, B:-1], 3, axis=1))  # (3, r, W) what each weight does where up is x, y, z
 
     def _solved(self, up: Array) -> "_Solved":
+        """`_solve`; a search asks for the cost of a direction, and then for its slopes."""
+        if self._last is None or not np.array_equal(self._last[0], up):
+            self._last = up.copy(), self._solve(up)
+        return self._last[1]
+
+    def _solve(self, up: Array) -> "_Solved":
         """The parameters that fit best with this direction up. Normal equations: fast, and precise enough for a search."""
         A = self.still.copy()
         A[:, self.weighty] += np.tensordot(up, self.pull, axes=1)
@@ -246,31 +257,24 @@ class _Problem:
         return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
 
 
-def _rows(
-    moved: Motion, torque: Array, robot: Robot, columns: tuple[int, ...], weighty: Indices, step: int, free: int
-) -> tuple[Array, Mask]:
-    """Columns (n, J, B + 3W + 1) and the rows that count (n, J), of every `step`-th sample.
+def _rows(moved: Motion, torque: Array, robot: Robot, felt: Felt, weighty: Indices, step: int, offsets: bool) -> tuple[list[Array], Mask]:
+    """Of each joint its columns (K, n), and the rows that count (n, J), of every `step`-th sample.
 
-    The columns are those without gravity, with `free` offsets of the joints' torques behind them, those that gravity along −x, −y and −z
-    adds for the W weights, and the torque.
+    The columns are those without gravity, in the order of `felt`, one for an offset of the torque where there are `offsets`, those that
+    gravity along −x, −y and −z adds for the weights, and the torque.
     """
     q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
-
-    felt = felt_columns(columns, robot.joints)
-
-    def columns_with(up: tuple[float, float, float]) -> Array:
-        Y = np.zeros((len(columns), robot.joints, len(q))).transpose(2, 1, 0)  # memory runs along the samples
-        blocks = felt_regressor(robot, mounting_with_up(np.array(up)), felt, q, qd, qdd, direction)
-        for j, (own, block) in enumerate(zip(felt.places, blocks, strict=True)):
-            Y[:, j, own] = block
-        return Y
-
-    top, bottom = columns_with((0.0, 0.0, 1.0)), columns_with((0.0, 0.0, -1.0))
-    still = 0.5 * (top + bottom)
-    along = [columns_with((1.0, 0.0, 0.0)) - still, columns_with((0.0, 1.0, 0.0)) - still, 0.5 * (top - bottom)]
-    pulls = [part[:, :, weighty] for part in along]
-    offsets = np.broadcast_to(np.eye(robot.joints)[:, :free], (len(q), robot.joints, free))
-    return np.concatenate([still, offsets, *pulls, torque[::step, :, None]], axis=2), np.abs(qd) > STANDSTILL_SPEED_RAD_S
+    ups = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    gravity = np.repeat([robot.gravity(mounting_with_up(up)) for up in ups], len(q), axis=0).T  # all at once: one pass over the links
+    states = (np.tile(signal, (len(ups), 1)) for signal in (q, qd, qdd, direction))
+    blocks = []
+    for j, block in enumerate(felt_under(robot, gravity, felt, *states)):
+        top, bottom, ahead, aside = np.split(block.T, len(ups), axis=1)  # (K, n) each
+        still = 0.5 * (top + bottom)
+        heavy = np.isin(felt.places[j], weighty)
+        pulls = [ahead[heavy] - still[heavy], aside[heavy] - still[heavy], 0.5 * (top - bottom)[heavy]]
+        blocks.append(np.concatenate([still, np.ones((int(offsets), len(q))), *pulls, torque[None, ::step, j]]))
+    return blocks, np.abs(qd) > STANDSTILL_SPEED_RAD_S
 
 
 def _nudged(up: Array) -> Array:

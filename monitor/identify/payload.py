@@ -16,6 +16,7 @@ from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.identify.warnings import DataWarning
@@ -125,7 +126,7 @@ def _loaded_run(
 ) -> _LoadedRun:
     """The recording as equations of the payload. Raises BadInput and Unidentifiable as `identify_payload`."""
     refuse_other_arm(recording, robot)
-    moved = motion(recording, settings.signals)
+    moved = motion(at_motors(recording, robot), settings.signals)
     torque = joint_torque(moved, robot, gains)
     layout = layout_of(unloaded.columns, robot.joints)
     Y = regressor(robot, unloaded.mounting, moved.q, moved.qd, moved.qdd)  # (N, J, P)

@@ -9,6 +9,7 @@ from monitor.errors import BadInput
 from monitor.identify.fit.equations import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
@@ -115,7 +116,7 @@ def validate(
     """
     settings = held_out_settings(settings)
     refuse_other_arm(recording, robot)
-    moved = motion(recording, settings.signals)
+    moved = motion(at_motors(recording, robot), settings.signals)
     measured = joint_torque(moved, robot, gains)
     predicted = predict_motion(identification, robot, moved).torque
     moving = moved.moving(settings.moving_rad_s)

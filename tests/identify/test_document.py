@@ -20,7 +20,8 @@ def test_the_document_has_the_promised_names():
     first, second = recording(truth(UR5)), replace(recording(truth(UR5, seed=2), seed=2), source="other")
     found = identify([first], UR5, GROUND)
     printed = json.loads(json.dumps(document(found, [validate(found, second, UR5)]), allow_nan=False))
-    assert {"robot", "mounting", "recordings", "method", "base_parameters", "friction", "fit", "validation", "warnings"} == set(printed)
+    names = {"robot", "mounting", "recordings", "method", "base_parameters", "friction", "fit", "validation", "ripple", "warnings"}
+    assert names == set(printed)
     assert {"file", "samples", "rate_hz", "duration_s", "rejected_samples", "rejected_why"} == set(printed["recordings"][0])
     base = printed["base_parameters"]
     assert base["count"] == 52 == len(base["names"]) == len(base["values"]) == len(base["std"])

@@ -1,6 +1,8 @@
 """Temperatures, accelerations and bases that must not fool an identification; and what is said of held-out recordings."""
 
 import json
+import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +40,31 @@ def test_temperatures_in_fahrenheit_are_doubted():
     """An arm whose joints are all hotter than 65 °C is likelier at 86 °F."""
     hot = replace(HEALTHY, temperature_c=1.8 * HEALTHY.temperature_c + 32.0)
     assert "if these are °F" in motion(hot).repairs[0].text
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda c: c + 273.15, r"3\d\d is no temperature of joint 1, 2, 3, 4, 5, 6 in °C: .* if it is in kelvin, subtract 273.15"),
+        (lambda c: np.where(np.arange(6) == 4, -40.0, c), "joint 5 says -40 °C, the median joint"),
+        (lambda c: np.where(np.arange(6) == 5, 85.0, c), "joint 6 says 85 °C, the median joint"),
+    ],
+)
+def test_temperatures_of_another_unit_or_a_broken_sensor_are_doubted(change, text):
+    """Kelvin, a sensor that says −40 °C, one joint far from the others."""
+    repairs = motion(replace(HEALTHY, temperature_c=change(HEALTHY.temperature_c))).repairs
+    assert [repair.code for repair in repairs] == ["temperature_doubtful"]
+    assert re.search(text, repairs[0].text), repairs[0].text
+
+
+@pytest.mark.parametrize("reading", [math.nan, math.inf])
+def test_a_sensor_without_a_number_is_as_one_that_says_zero(reading):
+    """It has no reading that could be of another unit."""
+    without, zero = HEALTHY.temperature_c.copy(), HEALTHY.temperature_c.copy()
+    without[:, 2], zero[:, 2] = reading, 0.0
+    told = [motion(replace(HEALTHY, temperature_c=readings)).repairs for readings in (without, zero)]
+    assert told[0] == told[1]
+    assert [repair.code for repair in told[0]] == ["temperature_doubtful"]
 
 
 def test_one_torn_temperature_moves_neither_mean_nor_warming():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from oracle_arm import GROUND, recording, truth
 
 from monitor.identify.identify import identify
+from monitor.identify.signals.chain import EDGE_ROWS
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.rows import sound_rows
 from monitor.model.robot import load_robot
@@ -33,11 +34,13 @@ def rewritten(rows, source, *, columns=slice(None)):
 )
 @settings(max_examples=25)
 def test_torn_rows_beside_other_torn_rows_are_left_out(starts, length, first, seed):
-    """Clusters of rows that are joined from two rows anywhere in the recording: what moved by more than 20 mrad is found, nothing else."""
+    """Clusters of rows that are joined from two rows anywhere in the recording: what moved by more than 20 mrad is found, little else."""
     rows = np.unique(np.concatenate([np.arange(start, start + length) for start in starts]))
     torn = rewritten(rows, np.random.default_rng(seed).integers(0, HEALTHY.samples, len(rows)), columns=slice(first, None))
     kept = sound_rows(torn).keep
-    assert set(np.setdiff1d(np.arange(HEALTHY.samples), rows)) <= set(kept)
+    lost = np.setdiff1d(np.arange(HEALTHY.samples), np.concatenate([rows, kept]))
+    assert len(lost) <= len(starts)  # where the arm begins to move, a row beside a cluster may go with it
+    assert np.all(np.min(np.abs(lost[:, None] - rows), axis=1, initial=HEALTHY.samples) <= EDGE_ROWS)
     left = np.intersect1d(kept, rows)
     assert np.all(np.abs(torn.q[left] - HEALTHY.q[left]) < 0.02)
 

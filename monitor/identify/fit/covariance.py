@@ -5,13 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.identify.fit.causes import Causes
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit, robust_inflation
 from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
-from monitor.identify.fit.least_squares import Beside, Solution, factors, residuals_beside, solve
+from monitor.identify.fit.least_squares import Solution
 from monitor.identify.fit.projection import mean_load
-from monitor.model.friction import PAPER, residual_law
+from monitor.model.friction import residual_law
 from monitor.recording import Array
+
+REPEATABLE = ("delay", "warming_fc", "warming_fv")  # causes that are no noise
 
 
 class Covariances(NamedTuple):
@@ -20,18 +23,20 @@ class Covariances(NamedTuple):
     noise: Array  # how far the same motion scatters
     with_misfit: Array
     lasting: Array  # by the whole residual in blocks of seconds: what depends on place, load or the time since rest does not average out
-    upright: Solution  # the fit beside its causes, as `with_causes` gives it
+    upright: Solution  # the fit beside its causes, as `Causes.beside` gives it
 
 
-def covariances(problem: FitProblem, found: Fit, free: Solution) -> Covariances:
+def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes) -> Covariances:
     """How sure the unknowns are.
 
-    found : the fit, perhaps moved to a physically consistent arm. free : its solution before that move.
+    found : the fit, perhaps moved to a physically consistent arm. free : its solution before that move. causes : of `found`.
+    The error of a law returns at every replay at the same places, so it is no noise, although it fills the residual. The residual also does
+    not show how far that error moves the parameters: least squares has fitted the parameters to a part of it.
     A law that lacks something moves the rigid parameters in the same way at every replay, so this difference is added for them. The
     friction parameters need no such term: they mean the best description by this law. Raises Unidentifiable as `jackknife_covariance`.
     """
-    every = problem.redundancy
-    upright, noise = with_causes(problem, found, every)
+    every = causes.every
+    upright, noise = causes.beside(REPEATABLE)
     rows, residuals = [rec.thinned(every) for rec in found.rows], [left[::every] for left in found.residuals]
     blocks = Blocks(rows, np.sqrt(every) * found.weights, found.solution, [noise, residuals])
     alone, together = blocks.covariances(WINDOW_STEPS)
@@ -59,34 +64,6 @@ def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Seque
         curve = np.einsum("jk,jk->j", law.columns(v, load_nm), upright.values[places])
         off = np.maximum(off, np.abs(line @ [1.0, 0.0] + line @ [0.0, 1.0] * v - curve))
     return np.where(known, off, 0.0)
-
-
-def with_causes(problem: FitProblem, found: Fit, every: int = 1) -> tuple[Solution, list[Array]]:
-    """The fit once more beside every repeatable cause that has a name: solution and residuals (N, J) [N·m], of one of `every` samples.
-
-    The solution's unknowns are those of the law of the residual friction, then each joint's share of the other causes.
-
-    The causes are the law of the residual friction, the warming during the recording, and a delay of a fraction of a sample between
-    torque and motion. The error of a law returns at every replay at the same places, so it is no noise, although it fills the residual.
-    The residual also does not show how far that error moves the parameters: least squares has fitted the parameters to a part of it.
-    """
-    law, B = residual_law(), len(problem.prior)
-    x = found.solution.values
-    rows, causes = [], []
-    for eq, before in zip(problem.equations, found.rows, strict=True):
-        rows.append(eq.rows(PAPER, x[:B], problem.layout, before.robust_weight).thinned(every))
-        middle = eq.motion.t_s - np.mean(eq.motion.t_s)
-        delay = np.gradient(before.Y @ x, axis=0)  # (N, J) change of the fit's torque a sample
-        warming = middle[:, None, None] * PAPER.columns(eq.motion.qd)  # (N, J, 2)
-        extra = eq.extra_columns(law, x[:B], problem.layout)
-        causes.append(np.concatenate([extra, delay[:, :, None], eq.motion.rounded(warming)], axis=2)[::every])
-    joints = Beside(rows, found.joints if every == 1 else factors(rows)).with_own(causes)
-    solution = solve(joints, found.weights, np.append(problem.prior, np.zeros(joints[0].R.shape[1] - 1 - B)))
-    residuals = residuals_beside(rows, causes, solution.values)
-    own = B + np.arange(len(solution.values) - B).reshape(len(joints), -1)  # (J, E) places of each joint's own columns
-    terms = len(law.extra_terms)
-    order = np.concatenate([np.arange(B), own[:, :terms].ravel(), own[:, terms:].ravel()])
-    return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals
 
 
 def mapped(M: Array, covariance: Array) -> Array:

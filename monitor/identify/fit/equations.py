@@ -101,7 +101,7 @@ def equations_of(
     The measured torque passed a filter that rounds the step of Coulomb friction, so the column of fc passes the same filter. With a sharp
     step in the column, fc would be too small by several of its standard deviations, and fv too large.
     """
-    felt = felt_columns(base.columns, robot.joints)
+    felt = felt_columns(base.columns, robot.joints, robot.innermost)
 
     def make(at: slice | Indices) -> list[Array]:
         return felt_regressor(robot, mounting, felt, moved.q[at], moved.qd[at], moved.qdd[at], moved.direction[at])

@@ -23,6 +23,7 @@ class Felt:
         """From `make`, and `places`: of each joint, where the columns that it forms lie among the X unknowns."""
         self.samples, self.unknowns, self.places = samples, unknowns, tuple(places)
         self._make, self._kept = make, make(slice(0, samples)) if samples <= PIECE else None
+        self._thinned: dict[tuple[int, int], Felt] = {}  # a fit asks for the same ones several times
 
     @classmethod
     def of(cls, Y: "Array | Felt") -> "Felt":
@@ -85,6 +86,13 @@ class Felt:
 
     def thinned(self, step: int, unknowns: int) -> "Felt":
         """One sample of `step`, and the first unknowns alone."""
+        if (step, unknowns) == (1, self.unknowns):
+            return self
+        if (step, unknowns) not in self._thinned:
+            self._thinned[step, unknowns] = self._thinned_once(step, unknowns)
+        return self._thinned[step, unknowns]
+
+    def _thinned_once(self, step: int, unknowns: int) -> "Felt":
         stay = [np.flatnonzero(own < unknowns) for own in self.places]
         places = [own[some] for own, some in zip(self.places, stay, strict=True)]
         samples = len(range(0, self.samples, step))
@@ -95,7 +103,8 @@ class Felt:
                 at = slice(first * step, last * step, stride * step)
             else:
                 at = at * step
-            return [block[:, some] for block, some in zip(self.at(at), stay, strict=True)]
+            blocks = (block if len(some) == block.shape[1] else block[:, some] for block, some in zip(self.at(at), stay, strict=True))
+            return [np.asfortranarray(block) for block in blocks]  # memory runs along the samples
 
         return Felt(samples, unknowns, places, make)
 

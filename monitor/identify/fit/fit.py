@@ -7,6 +7,7 @@ therefore needs no measured torque.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from monitor.identify.fit.least_squares import (
     factors,
     residual_rms,
     residuals_beside,
-    residuals_of,
     solve,
 )
 from monitor.model.friction import PAPER, FrictionLaw
@@ -35,7 +35,7 @@ STUDENT_FREEDOM = 4.0  # Student's t: 94 % efficient for normal noise, and witho
 MAD = 1.4826  # median absolute deviation → standard deviation of normal noise
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
     """Parameters of one law, and what they were found from."""
 
@@ -45,10 +45,15 @@ class Fit:
     weights: Array  # (J,)
     solution: Solution
 
-    @property
+    @cached_property
+    def torques(self) -> list[Array]:
+        """(N, J) of each recording [N·m], as the parameters predict it."""
+        return [Felt.of(rec.Y) @ self.solution.values for rec in self.rows]
+
+    @cached_property
     def residuals(self) -> list[Array]:
         """(N, J) of each recording [N·m]."""
-        return residuals_of(self.rows, self.solution.values)
+        return [rec.torque_nm - torque for rec, torque in zip(self.rows, self.torques, strict=True)]
 
 
 def fit(problem: FitProblem, law: FrictionLaw, *, method: str, start: Fit | None = None, rounds: int = LOAD_ROUNDS) -> Fit:

@@ -8,6 +8,7 @@ coverage down to a dozen blocks. The solution without block b differs from the f
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from monitor.errors import Unidentifiable
 from monitor.identify.fit.felt import Felt
@@ -19,7 +20,6 @@ CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4
 WINDOW_STEPS = 6  # steps in a block: with six staggered partitions instead of one the covariance is smoother, and regular
 LONG_STEPS = 36  # of the longer blocks, 4.8 s: what stays alike for seconds, as friction that depends on place or run-in, counts once
 FEWEST_LONG = 8  # of the longer blocks
-BATCH = 256  # blocks that are left out together: a bound on memory
 HIGHEST_LEVERAGE = 1.0 - 1e-3  # of a block: the influence of a block that the rest cannot replace is limited to a thousandfold
 
 
@@ -52,24 +52,24 @@ class Blocks:
 
     def __init__(self, recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]) -> None:
         self._T = solution.directions  # (B, r)
-        self._grams, self._scores, self._runs = _steps(recordings, weights, self._T, residuals)
+        self._sums, self._runs = _running_sums(recordings, weights, self._T, residuals)
 
     def covariances(self, width: int) -> list[Array]:
         """The S covariances with blocks of `width` steps. Raises Unidentifiable where too few such blocks are unbroken."""
-        T, runs = self._T, self._runs
-        windows = _windows(runs, width)[:: width // WINDOW_STEPS]  # of longer blocks as many staggered partitions as of the usual ones
-        total = np.zeros((self._scores.shape[2], len(T), len(T)))
-        for first in range(0, len(windows), BATCH):
-            here = windows[first : first + BATCH]
-            near = slice(here[0], here[-1] + width)
-            G, g = (_moving_sum(part[near], width)[here - here[0]] for part in (self._grams, self._scores))  # (W, r, r), (W, r, S)
+        # of longer blocks as many staggered partitions as of the usual ones
+        windows = _windows(self._runs, width)[:: width // WINDOW_STEPS]
+        r, sums = self._T.shape[1], self._sums
+        moved = sums[windows + width, r:, :r] - sums[windows, r:, :r]  # (W, S, r)
+        rest = np.empty((r, r))
+        for first, scores in zip(windows, moved, strict=True):
             # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-            moved = np.linalg.solve(np.eye(T.shape[1]) - HIGHEST_LEVERAGE * G, g)  # (W, r, S)
-            for k in range(len(total)):
-                delta = moved[:, :, k] @ T.T
-                total[k] += delta.T @ delta
-        blocks = len(runs) / width
-        return list(blocks / len(windows) * (blocks - 1.0) / blocks * total)
+            np.subtract(sums[first, :r, :r], sums[first + width, :r, :r], out=rest)
+            rest.ravel()[:: r + 1] += 1.0 / HIGHEST_LEVERAGE
+            _, solved, failed = scipy.linalg.lapack.dposv(rest.T, scores.T)
+            scores[:] = solved.T if not failed else np.linalg.solve(rest, scores.T).T  # failed: the rows are not quite orthonormal
+        blocks = len(self._runs) / width
+        scale = blocks / len(windows) * (blocks - 1.0) / blocks / HIGHEST_LEVERAGE**2
+        return [scale * delta.T @ delta for delta in np.swapaxes(moved, 0, 1) @ self._T.T]
 
     def longer_covariances(self) -> list[Array]:
         """The S covariances with blocks as long as the recordings allow, up to `LONG_STEPS`; with blocks of the usual length at least."""
@@ -78,50 +78,42 @@ class Blocks:
         return self.covariances(max(WINDOW_STEPS, min(width, longest // 2)))
 
 
-def _steps(
+def _running_sums(
     recordings: Sequence[Rows], weights: Array, T: Array, residuals: Sequence[Sequence[Array]]
-) -> tuple[Array, Array, list[tuple[int, int]]]:
-    """Gram (K, r, r) and score (K, r, S) of each step, and the recording and unbroken stretch that it lies in."""
-    grams, scores, runs = [], [], []
-    for number, rec in enumerate(recordings):
-        starts = np.flatnonzero(np.diff(rec.steps, prepend=-1))
-        gram, score = _steps_of(rec, weights, T, np.stack([estimate[number] for estimate in residuals], axis=-1), starts)
-        grams.append(gram)
-        scores.append(score)
-        runs += [(number, int(rec.segments[first])) for first in starts]
-    return np.concatenate(grams), np.concatenate(scores), runs
+) -> tuple[Array, list[tuple[int, int]]]:
+    """Sums (K + 1, r + S, r + S) of `_add_steps` over the steps before each, and the recording and stretch that each step lies in."""
+    starts = [np.flatnonzero(np.diff(rec.steps, prepend=-1)) for rec in recordings]
+    size = T.shape[1] + len(residuals)
+    sums = np.zeros((1 + sum(map(len, starts)), size, size))
+    runs: list[tuple[int, int]] = []
+    for number, (rec, first) in enumerate(zip(recordings, starts, strict=True)):
+        into = sums[1 + len(runs) : 1 + len(runs) + len(first)]
+        _add_steps(into, rec, weights, T, np.stack([estimate[number] for estimate in residuals], axis=-1), first)
+        runs += [(number, int(rec.segments[row])) for row in first]
+    for k in range(1, len(sums)):  # row by row, in place: numpy's own running sum takes many times as long
+        sums[k] += sums[k - 1]
+    return sums, runs
 
 
-def _steps_of(rec: Rows, weights: Array, T: Array, residuals: Array, starts: Indices) -> tuple[Array, Array]:
-    """ZᵀZ (steps, r, r) and Zᵀe (steps, r, S) of each step's rows, Z = Y·T and e weighted. residuals : (N, J, S) [N·m].
+def _add_steps(sums: Array, rec: Rows, weights: Array, T: Array, residuals: Array, starts: Indices) -> None:
+    """Add [Z e]ᵀ[Z e] to sums (steps, r + S, r + S), of each step's rows Z = Y·T and residuals e, weighted.
 
-    starts : first sample of each step.
+    residuals : (N, J, S) [N·m]. starts : first sample of each step.
     """
     scaled, ends = rec.root_weight * weights, np.append(starts[1:], len(rec.used))  # (N, J), (steps,)
-    Y, r, S = Felt.of(rec.Y), T.shape[1], residuals.shape[2]
-    J = len(Y.places)
-    gram, score = np.zeros((len(starts), r, r)), np.zeros((len(starts), r, S))
+    Y, r, size = Felt.of(rec.Y), T.shape[1], sums.shape[1]
     for piece, columns in Y.pieces():
-        Z = np.empty((piece.stop - piece.start, J, r))
+        Z = np.empty((piece.stop - piece.start, len(Y.places), size))
         for j, block in enumerate(columns):
-            np.multiply(block @ T[Y.places[j]], scaled[piece, j, None], out=Z[:, j])
-        e = residuals[piece] * scaled[piece, :, None]
+            np.matmul(block, T[Y.places[j]], out=Z[:, j, :r])
+        Z[:, :, r:] = residuals[piece]
+        Z *= scaled[piece, :, None]
         for k in np.flatnonzero((starts < piece.stop) & (ends > piece.start)):
-            within = slice(max(0, starts[k] - piece.start), ends[k] - piece.start)
-            rows = Z[within].reshape(-1, r)
-            gram[k] += rows.T @ rows
-            score[k] += rows.T @ e[within].reshape(-1, S)
-    return gram, score
-
-
-def _moving_sum(parts: Array, width: int) -> Array:
-    """(K − width + 1, …) sums of `width` neighbours of parts (K, …), in as many additions as the width has binary digits."""
-    half = width // 2
-    if not half:
-        return parts
-    sums = _moving_sum(parts, half)
-    both: Array = sums[: len(sums) - half] + sums[half:]  # of 2·half neighbours
-    return both[: len(both) - 1] + parts[width - 1 :] if width % 2 else both
+            rows = Z[max(0, starts[k] - piece.start) : ends[k] - piece.start].reshape(-1, size)
+            if starts[k] < piece.start:
+                sums[k] += rows.T @ rows
+            else:
+                np.matmul(rows.T, rows, out=sums[k])
 
 
 def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:

@@ -7,10 +7,11 @@ but the factor, so a long recording needs no more memory than a short one.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from monitor.identify.fit.felt import Felt
 from monitor.recording import Array, Indices, Mask
@@ -74,7 +75,7 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
                 rows = np.empty((len(block), block.shape[1] + 1), order="F")
                 np.multiply(block, root[piece, j, None], out=rows[:, :-1])
                 np.multiply(rec.torque_nm[piece, j], root[piece, j], out=rows[:, -1])
-                new = _scattered(_reduced(rows), np.append(Y.places[j], X), X + 1)
+                new = scattered(reduced(rows), np.append(Y.places[j], X), X + 1)
                 triangles[j] = triangle(np.concatenate([triangles[j], new])) if len(triangles[j]) else new
         samples += np.sum(rec.used, axis=0)
     return [Factor(R, int(count)) for R, count in zip(triangles, samples, strict=True)]
@@ -92,7 +93,7 @@ class Beside:
         self._whitening: list[Array] = []  # Y·whitening is orthonormal
         self._distinct = len({tuple(map(bytes, Y.places)) for Y in self._Y}) == 1
         for own, factor in zip(self._Y[0].places, joints, strict=True):
-            R = _reduced(np.asfortranarray(factor.R[:, own]))
+            R = reduced(np.asfortranarray(factor.R[:, own]))
             whitening = _whitening(R, DISTINCT)
             if whitening is None:
                 found = _of_lower_rank(R)
@@ -113,7 +114,7 @@ class Beside:
         shares = [whitening @ part for whitening, part in zip(self._whitening, along, strict=True)]
         rests = [np.zeros((0, E + 1))] * J
         for j, block, weight, more in self._parts(columns):
-            rests[j] = _reduced(np.asfortranarray(np.concatenate([rests[j], more - weight * (block @ shares[j])])))
+            rests[j] = reduced(np.asfortranarray(np.concatenate([rests[j], more - weight * (block @ shares[j])])))
         result = []
         for j, (R, part, rest) in enumerate(zip(self._R, along, rests, strict=True)):
             places = np.append(self._B + j * E + np.arange(E), self._B + J * E)
@@ -136,16 +137,29 @@ class Beside:
 def triangle(A: Array) -> Array:
     """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
     felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
-    return _scattered(_reduced(np.asfortranarray(A[:, felt])), felt, A.shape[1])
+    return scattered(reduced(np.asfortranarray(A[:, felt])), felt, A.shape[1])
 
 
-def _reduced(A: Array) -> Array:
+def reduced(A: Array) -> Array:
     """R (min(n, K), K) of A (n, K), whose memory runs along the rows and is overwritten."""
     K = A.shape[1]
     if min(A.shape) == 0:
         return np.zeros((0, K))
-    R, _, _, _ = lapack.dgeqrf(A, lwork=QR_BLOCK * K, overwrite_a=1)
-    return np.asarray(np.triu(R[:K]), dtype=float)
+    R, _, _, _ = scipy.linalg.lapack.dgeqrf(A, lwork=QR_BLOCK * K, overwrite_a=1)
+    upper = R[:K]
+    return np.where(_upper(*upper.shape), upper, 0.0)
+
+
+@lru_cache(maxsize=256)
+def _upper(rows: int, columns: int) -> Mask:
+    """(rows, columns) the upper triangle; `np.triu` makes its own each time, which takes longer than the rest of a small factor."""
+    return ~np.tri(rows, columns, -1, dtype=bool)
+
+
+def _norms(A: Array) -> Array:
+    """(B,) norms of the columns, as `np.linalg.norm` computes them."""
+    norms: Array = np.sqrt(np.add.reduce(A * A, axis=0))
+    return norms
 
 
 def _felt(norms: Array) -> Mask:
@@ -154,7 +168,7 @@ def _felt(norms: Array) -> Mask:
     return felt
 
 
-def _scattered(R: Array, places: Indices, columns: int) -> Array:
+def scattered(R: Array, places: Indices, columns: int) -> Array:
     """R with its columns at these places among so many."""
     whole = np.zeros((len(R), columns))
     whole[:, places] = R
@@ -163,10 +177,10 @@ def _scattered(R: Array, places: Indices, columns: int) -> Array:
 
 def _whitening(R: Array, least: float) -> Array | None:
     """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `least` of the largest; else None."""
-    norms = np.linalg.norm(R, axis=0)
+    norms = _norms(R)
     if R.shape[0] != R.shape[1] or not np.all(norms > 0.0):
         return None
-    inverse, singular = lapack.dtrtri(R / norms)
+    inverse, singular = scipy.linalg.lapack.dtrtri(R / norms)
     # Frobenius norms bound the singular values: ‖R‖ = √B of unit columns
     if singular or not np.linalg.norm(inverse) * np.sqrt(len(R)) < 1.0 / least:
         return None
@@ -180,7 +194,7 @@ def _of_lower_rank(R: Array) -> tuple[Array, Array] | None:
     One joint alone does not tell all parameters apart: about an axis along gravity no weight is felt. None where a singular value, columns
     scaled alike, is neither surely rounding nor surely more.
     """
-    norms = np.linalg.norm(R, axis=0)
+    norms = _norms(R)
     scale = np.where(_felt(norms), norms, np.inf)
     _, s, Vt = np.linalg.svd(R / scale, full_matrices=False)
     rank = int(np.sum(s > DISTINCT * np.max(s, initial=0.0)))
@@ -200,7 +214,7 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
     R = triangle(stacked) if len(stacked) > stacked.shape[1] else stacked
     A, b = R[:, :-1], R[:, -1]
-    norms, B = np.linalg.norm(A, axis=0), A.shape[1]
+    norms, B = _norms(A), A.shape[1]
     norms = np.where(_felt(norms), norms, 0.0)
     whitening = _whitening(A[:B], EXCITED) if len(R) == B + 1 and np.all(norms > 0.0) else None
     if whitening is not None:  # the usual case: everything is excited

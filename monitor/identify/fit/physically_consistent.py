@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import clarabel
 import numpy as np
 import scipy
 
@@ -138,6 +137,8 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
 
     Raises Unidentifiable where the solver fails or finds no solution.
     """
+    import clarabel  # only where this fit is asked for
+
     pull = np.zeros(len(prior))
     for i in range(robot.joints):
         weight = settings.prior_weight if robot.mass_kg[i] > 0.0 else UNKNOWN_WEIGHT * settings.prior_weight
@@ -252,6 +253,9 @@ def _toml(found: PhysicallyConsistentArm) -> str:
         f"max_position_rad = {row(robot.max_position_rad)}",
         f"base_rotation = [{', '.join(row(line) for line in robot.base_rotation)}]",
     ]
+    if robot.coupling is not None:
+        lines.append(f"coupling = [{', '.join(row(line) for line in robot.coupling)}]")
+        lines.append(f'positions_at = "{"motors" if robot.recorded_at_motors else "joints"}"')
     for i, name in enumerate(robot.link_names):
         J = robot.inertia_kg_m2[i]
         tensor = ", ".join(f"{'xyz'[r]}{'xyz'[c]} = {float(J[r, c])!r}" for r, c in _ENTRY)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.identify.signals.order import median, quantile, quantiles
 from monitor.recording import Array, Indices, Mask
 
 MAX_SPEED_RAD_S = 20.0  # three times the fastest joint of any UR
@@ -56,10 +57,10 @@ class _Steps:
     def __init__(self, t_s: Array, q: Array, qd: Array | None) -> None:
         self._t, self._q, self._qd = t_s, q, qd
         dt = np.diff(t_s)
-        self._tick = float(np.median(dt))
+        self._tick = median(dt)
         if qd is None:
             speed = np.abs(_within_a_turn(np.diff(q, axis=0))) / dt[:, None]
-            self._reach = np.minimum(MAX_SPEED_RAD_S, 3.0 * np.quantile(speed, 0.95, axis=0))  # (J,)
+            self._reach = np.minimum(MAX_SPEED_RAD_S, 3.0 * quantiles(speed, 0.95))  # (J,)
             return
         self._noise, self._acceleration, self._still = np.zeros((3, q.shape[1]))
         off, _ = self._off(np.arange(len(q) - 1), np.arange(1, len(q)))
@@ -67,9 +68,9 @@ class _Steps:
         for j in range(q.shape[1]):
             moving = np.abs(qd[1:, j]) > MOVING_RAD_S
             seen = off[moving, j] if moving.sum() >= WINDOW_ROWS else off[:, j]
-            self._noise[j] = 1.4826 * float(np.median(np.abs(seen)))
+            self._noise[j] = 1.4826 * median(np.abs(seen))
             self._still[j] = STILL_RAD if moving.mean() < HARDLY_MOVING else 0.0
-            self._acceleration[j] = 2.0 * float(np.quantile(change[moving, j] if moving.any() else change[:, j], 0.8))
+            self._acceleration[j] = 2.0 * quantile(change[moving, j] if moving.any() else change[:, j], 0.8)
 
     def joined(self, before: Indices, after: Indices) -> Mask:
         """(n,) whether the rows `after` (n,) continue the rows `before` (n,)."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clock import restored_clock
+from monitor.identify.signals.order import median, quantile, window_medians, window_starts
 from monitor.identify.signals.speeds import check_speeds
 from monitor.recording import Array, Recording
 
@@ -85,7 +86,7 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
         return t_s, 0
     t = t_s[finite]
     step = np.diff(t)
-    tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else 0.0
+    tick = median(step[step > 0.0]) if np.any(step > 0.0) else 0.0
     offset, jumps = np.zeros(len(t)), 0
     limit = max(FAR_S, 100.0 * tick)
     for i in np.flatnonzero((step < 0.0) | (step > limit)):
@@ -93,7 +94,7 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
         if len(after) < RETURN_ROWS or len(before) < RETURN_ROWS:
             continue
         # a torn time is a single row; where the clock was set, all rows before and all rows after are apart from each other
-        back = np.median(after) < np.min(before[-3:]) and np.max(after) < t[i] + limit and np.min(after) > t[i + 1] - limit
+        back = median(after) < np.min(before[-3:]) and np.max(after) < t[i] + limit and np.min(after) > t[i + 1] - limit
         ahead = np.min(after) > np.max(before) + limit
         if (step[i] < 0.0 and back and np.max(after) < np.max(before)) or (step[i] > limit and ahead):
             offset[i + 1 :] += t[i] + HOLE_S - t[i + 1]
@@ -111,7 +112,7 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
     name = recording.source or "recording"
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
-    tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
+    tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.nan
     found = _ratio(t_s, q, qd)
     speed_ratio, tolerance = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
     if speed_ratio is not None:
@@ -175,22 +176,22 @@ def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
     ratios = []
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         step = np.diff(t_s)
-        tick = np.median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
+        tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
         length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS - 1))  # ripple and noise average out
-        first = np.arange(0, len(t_s) - length, max(1, length // 2))
+        first = window_starts(len(t_s), length)
         dt = t_s[first + length] - t_s[first]
         even = (dt > 0.0) & (dt < 1.5 * length * tick)
         slopes = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
-        middles = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)  # (W, J) a torn row has no influence
+        middles = window_medians(rate, length)  # (W, J) a torn row has no influence
         for slope, middle in zip(slopes.T, middles.T, strict=True):
             sound = even & (np.abs(slope) < 1e4) & (np.abs(middle) < 1e4)
-            if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
+            if np.sum(sound) < FEWEST_WINDOWS or not quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue
             # near a reversal both are about zero; rows are chosen by the slope, whose noise is small, since the ratio would be biased
-            informative = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.75))  # torn rows move a fifth of them
+            informative = sound & (np.abs(slope) > 0.3 * quantile(np.abs(slope[sound]), 0.75))  # torn rows move a fifth of them
             along = middle[informative] * np.sign(slope[informative])
-            value = float(np.median(np.abs(slope[informative])) / np.median(along))
-            spread = np.median(np.abs(along - np.abs(slope[informative]) / value)) / np.abs(np.median(along))
+            value = median(np.abs(slope[informative])) / median(along)
+            spread = median(np.abs(along - np.abs(slope[informative]) / value)) / abs(median(along))
             if math.isfinite(value) and value > 0.0:
                 ratios.append(_Ratio(value, float(2.0 * spread / math.sqrt(len(along)))))
     if not ratios:

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from monitor.identify.signals.order import median, quantile
 from monitor.recording import Array, Indices, Mask
 
 COARSE = 0.35  # of a tick: a finer resolution does no harm
@@ -32,7 +33,7 @@ def restored_clock(t_s: Array, q: Array) -> tuple[Array, float] | None:
     moved = np.any(q[finite][1:] != q[finite][:-1], axis=1)
     if np.mean(equal & moved) < SHARE_EQUAL or not np.any(step > 0.0):
         return None
-    resolution = float(np.quantile(step[step > 0.0], 0.05))
+    resolution = quantile(step[step > 0.0], 0.05)
     rounding = 1e-3 + 1e-15 * float(np.max(np.abs(t))) / resolution
     whole = np.abs(step / resolution - np.round(step / resolution)) < rounding
     if np.mean(whole) < 0.99:
@@ -55,7 +56,7 @@ def restored_clock(t_s: Array, q: Array) -> tuple[Array, float] | None:
 
 def _tick(t: Array, step: Array, resolution: float) -> float:
     """The mean time between rows of unbroken stretches [s]."""
-    usual: Mask = (step >= 0.0) & (step <= 2.0 * max(resolution, float(np.median(step))) + 1e-9)
+    usual: Mask = (step >= 0.0) & (step <= 2.0 * max(resolution, median(step)) + 1e-9)
     return float(np.mean(step[usual])) if usual.any() and len(t) > 1 else math.nan
 
 

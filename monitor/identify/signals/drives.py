@@ -6,6 +6,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair
+from monitor.identify.signals.order import median
 from monitor.identify.signals.rows import usual_size
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -39,7 +40,7 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
         return
     what = "current" if recording.current is not None else "torque"
     t_s, value = recording.t_s[rows], drive[rows]
-    tick = float(np.median(np.diff(t_s)))
+    tick = median(np.diff(t_s))
     speed = recording.qd[rows] if recording.qd is not None else np.gradient(recording.q[rows], t_s, axis=0)
     for j in range(value.shape[1]):
         moving = np.abs(speed[:, j]) > MOVING_RAD_S

@@ -1,6 +1,7 @@
 """Filters of the signals: single spikes removed, one even clock, one zero-phase low-pass for all signals."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -49,11 +50,36 @@ def uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str, 
 
 
 def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], Array]:
-    """A Butterworth filter that is applied forward and backward along axis 0, so that it delays nothing."""
-    from scipy.signal import butter, sosfiltfilt  # takes 1 s to import: only where a recording is identified
+    """A Butterworth filter that is applied forward and backward along axis 0, so that it delays nothing.
 
-    sos = butter(order, cutoff_hz, fs=rate_hz, output="sos")
-    return lambda x: np.asarray(sosfiltfilt(sos, x, axis=0, padtype="odd", padlen=min(len(x) - 1, round(3 * rate_hz / cutoff_hz))))
+    It is `scipy.signal.sosfiltfilt`, which works its initial state out anew at each call. The result's memory runs along the samples.
+    """
+    from scipy.signal import sosfilt  # takes 1 s to import: only where a recording is identified
+
+    sos, state = _sections(rate_hz, order, cutoff_hz)
+    pad = round(3 * rate_hz / cutoff_hz)
+
+    def smooth(x: Array) -> Array:
+        rows = np.ascontiguousarray(x.reshape(len(x), -1).T)  # (…, N)
+        n = min(rows.shape[1] - 1, pad)
+        ends = rows[:, :1], rows[:, -1:]
+        extended = np.concatenate([2.0 * ends[0] - rows[:, n:0:-1], rows, 2.0 * ends[1] - rows[:, -2 : -n - 2 : -1]], axis=1)
+        for _ in ("forward", "backward"):
+            first = state[:, None] * extended[:, :1]  # (sections, …, 2)
+            extended = sosfilt(sos, extended, axis=1, zi=first)[0][:, ::-1]
+        smoothed: Array = extended[:, n : n + rows.shape[1]].T.reshape(x.shape)
+        return smoothed
+
+    return smooth
+
+
+@lru_cache(maxsize=64)
+def _sections(rate_hz: float, order: int, cutoff_hz: float) -> tuple[Array, Array]:
+    """The second-order sections of `low_pass`, and their state (sections, 2) in a signal that is 1: asked for a dozen times."""
+    from scipy.signal import butter, sosfilt_zi
+
+    sos = np.asarray(butter(order, cutoff_hz, fs=rate_hz, output="sos"))
+    return sos, np.asarray(sosfilt_zi(sos))
 
 
 def filtered(part: dict[str, Array], rate_hz: float, smooth: Callable[[Array], Array], trim: int) -> dict[str, Array]:
@@ -61,7 +87,10 @@ def filtered(part: dict[str, Array], rate_hz: float, smooth: Callable[[Array], A
 
     q̇ and q̈ are central differences where they were not recorded. `direction` is s(q̇) through the filter.
     """
-    result = {key: smooth(value) for key, value in part.items() if key != "t_s"}
+    signals = {key: value for key, value in part.items() if key != "t_s"}
+    ends = np.cumsum([value.shape[1] for value in signals.values()])[:-1]
+    together = np.split(smooth(np.concatenate(list(signals.values()), axis=1)), ends, axis=1)
+    result = dict(zip(signals, together, strict=True))
     if "qd" not in result:
         result["qd"] = np.gradient(result["q"], 1.0 / rate_hz, axis=0)
     if "qdd" not in result:

@@ -14,7 +14,9 @@ from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair, cleaned
 from monitor.identify.signals.drives import check_drives, refuse_other_unit
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
-from monitor.identify.signals.readings import check_temperatures, plausible_temperature
+from monitor.identify.signals.order import median, quantiles
+from monitor.identify.signals.readings import check_temperatures, plausible_temperatures
+from monitor.identify.signals.ripple import Unfiltered
 from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
@@ -33,6 +35,8 @@ class SignalSettings:
     cutoff_hz: Annotated[float, Interval(ge=0.5, le=50.0)] = 8.0
     filter_order: Annotated[int, Interval(ge=1, le=6)] = 2  # once forward, once backward: 4 in effect
     trim_s: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.2  # [s] cut at each end, where the filter extrapolates the signal
+    # [s] of motion at the beginning that are left out: after rest, friction is 3–5 % higher, and falls with a time constant of 10–20 s
+    run_in_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0
     gap_s: Annotated[float, Interval(ge=1e-6, le=5.0)] = 0.25  # [s] the motion within a longer hole is unknown, so no spline bridges it
     min_rate_hz: Annotated[float, Interval(ge=5.0, le=500.0)] = 10.0  # [Hz] at a lower rate, q̈ from differences has no meaning
     min_duration_s: Annotated[float, Interval(ge=2.0, le=600.0)] = 5.0  # [s] half a period of the paper's excitation
@@ -64,6 +68,7 @@ class Motion:
     low_pass: tuple[int, float] | None = None  # order and cutoff [Hz] of the filter; None: no filter
     repaired_samples: int = 0  # spikes of current or torque that were replaced
     repairs: tuple[Repair, ...] = ()  # what was corrected in the recording as a whole
+    unfiltered: Unfiltered | None = None  # the rows that were filtered, as they were measured; None without a current
 
     @property
     def samples(self) -> int:
@@ -113,10 +118,12 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     Raises Unidentifiable with the reason where the recording cannot carry an identification.
     """
     settings = settings or SignalSettings()
+    if not recording.samples:
+        raise Unidentifiable(f"{_name(recording)}: holds no rows; expected a recording")
     _drive(recording)  # refuses before anything is corrected
     refuse_other_unit(recording)
     recording, repairs = cleaned(recording)
-    sound = _usable_rows(recording, settings)
+    sound = _run_in_left_out(recording, _usable_rows(recording, settings), settings)
     keep, why = sound.keep, dict(sound.why)
     wound = np.flatnonzero(np.any(sound.turns != 0.0, axis=0))
     if len(wound):
@@ -137,8 +144,9 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     repairs = (*repairs, *check_drives(recording, keep))
     measured = {key: value[keep] for key in LIMITS if (value := getattr(recording, key)) is not None}
     cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower
-    repaired = despike(measured) if settings.despike else 0
     stretches = _Stretches(t_s, sound.breaks)
+    unfiltered = _unfiltered(measured, stretches, max(settings.gap_s, 3.0 / rate_hz))
+    repaired = despike(measured) if settings.despike else 0
     joined = _joined(recording, stretches, measured, rate_hz, cutoff_hz, settings, why)
     if "qdd" in measured and (wrong := _other_acceleration(joined, rate_hz)):
         del measured["qdd"]
@@ -165,6 +173,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         low_pass=(settings.filter_order, cutoff_hz),
         repaired_samples=repaired,
         repairs=repairs,
+        unfiltered=unfiltered,
     )
 
 
@@ -214,6 +223,25 @@ def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
     return sound
 
 
+def _run_in_left_out(recording: Recording, sound: SoundRows, settings: SignalSettings) -> SoundRows:
+    """The rows after `run_in_s` of motion, counted over the rows in which any joint moves. Raises Unidentifiable where none remain."""
+    if settings.run_in_s == 0.0:
+        return sound
+    t_s, q = recording.t_s[sound.keep], recording.q[sound.keep] + sound.turns
+    qd = np.gradient(q, t_s, axis=0) if recording.qd is None else recording.qd[sound.keep]
+    dt = np.diff(t_s, prepend=t_s[:1])
+    moving = np.any(np.abs(qd) > settings.min_speed_rad_s, axis=1) & (dt <= settings.gap_s)
+    moved_s = np.cumsum(np.where(moving, dt, 0.0))
+    first = int(np.searchsorted(moved_s, settings.run_in_s))
+    if len(t_s) - first < FEWEST_ROWS:
+        raise Unidentifiable(
+            f"{_name(recording)}: the arm moves for {moved_s[-1]:.3g} s, and the first {settings.run_in_s:g} s are left out as its run-in "
+            f"(identify.signals.run_in_s); expected a longer motion: more repetitions, or a shorter run-in"
+        )
+    breaks = sound.breaks[sound.breaks > first] - first
+    return sound._replace(keep=sound.keep[first:], breaks=breaks, turns=sound.turns[first:])
+
+
 def _refuse_missing(recording: Recording) -> None:
     """Raises Unidentifiable where a signal of some joints holds no number at all: each row would count as torn."""
     for key in LIMITS:
@@ -232,7 +260,7 @@ def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, set
     if rate_hz < settings.min_rate_hz * 0.99:  # a clock may be wrong by 1 %
         raise Unidentifiable(f"{name}: sampled at {rate_hz:.3g} Hz; expected at least {settings.min_rate_hz:g} Hz, better 100 Hz")
     qd = recording.qd[keep] if recording.qd is not None else np.gradient(recording.q[keep], t_s, axis=0)
-    fastest = np.percentile(np.abs(qd), 99.0, axis=0)  # (J,) not the maximum, which may be a torn sample
+    fastest = quantiles(np.abs(qd), 0.99)  # (J,) not the maximum, which may be a torn sample
     moving = int(np.sum(fastest >= settings.min_speed_rad_s))
     needed = int(np.ceil(settings.min_moving_share * recording.joints))
     if moving < needed:
@@ -278,6 +306,15 @@ def _joined(
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
+def _unfiltered(measured: Mapping[str, Array], stretches: _Stretches, gap_s: float) -> Unfiltered | None:
+    """The sound rows as they were measured; None without a current."""
+    if "current" not in measured:
+        return None
+    q, qd = measured["q"], measured.get("qd")
+    qd = np.gradient(q, stretches.t_s, axis=0) if qd is None else qd
+    return Unfiltered(stretches.t_s, q, qd, measured["current"], stretches.longer_than(gap_s))
+
+
 def _reasons(why: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in why.items()) or "no rows"
 
@@ -290,7 +327,7 @@ def _same(a: Array | None, b: Array | None) -> bool:
 def _rate(t_s: Array) -> float:
     """Mean samples a second within unbroken stretches [Hz]: jitter averages out, and holes do not count."""
     dt = np.diff(t_s)
-    whole = dt < 1.9 * np.median(dt)
+    whole = dt < 1.9 * median(dt)
     rate: float = 1.0 / float(np.mean(dt[whole]))
     return rate
 
@@ -298,8 +335,8 @@ def _rate(t_s: Array) -> float:
 def _other_acceleration(joined: dict[str, Array], rate_hz: float) -> list[int]:
     """The joints, numbered from 1, whose recorded accelerations are not the change of their speeds."""
     change = np.gradient(joined["qd"], 1.0 / rate_hz, axis=0)
-    size = np.quantile(np.maximum(np.abs(change), np.abs(joined["qdd"])), 0.75, axis=0)  # (J,)
-    off = np.quantile(np.abs(joined["qdd"] - change), 0.75, axis=0)
+    size = quantiles(np.maximum(np.abs(change), np.abs(joined["qdd"])), 0.75)  # (J,)
+    off = quantiles(np.abs(joined["qdd"] - change), 0.75)
     return [int(j) + 1 for j in np.flatnonzero((off > OTHER_ACCELERATION * size) & (size > LEAST_ACCELERATION))]
 
 
@@ -307,8 +344,7 @@ def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | Non
     """(N, J) measured temperatures at the times t_s (N,) [°C]; NaN for a joint without a plausible reading; None without any."""
     if recording.temperature_c is None:
         return None
-    columns = []
-    for column in recording.temperature_c[keep].T:
-        sensible = plausible_temperature(column)
+    columns, measured = [], recording.temperature_c[keep]
+    for column, sensible in zip(measured.T, plausible_temperatures(measured).T, strict=True):
         columns.append(np.interp(t_s, recording.t_s[keep][sensible], column[sensible]) if sensible.any() else np.full(len(t_s), np.nan))
     return np.stack(columns, axis=1)

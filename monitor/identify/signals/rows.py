@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.identify.signals.chain import MAX_SPEED_RAD_S, longest_chain
+from monitor.identify.signals.order import quantile
 from monitor.recording import Array, Indices, Mask, Recording
 
 # a larger size of a signal is a torn row, unless the recording is of this size throughout
@@ -72,7 +73,7 @@ def _limit(key: str, values: Array) -> Array | float:
 def usual_size(values: Array) -> Array:
     """(J,) the 90 % quantile of the size of each column (N, J); 0 where no reading is finite."""
     columns = (column[np.isfinite(column)] for column in values.T)
-    return np.array([float(np.quantile(np.abs(column), 0.9)) if len(column) else 0.0 for column in columns])
+    return np.array([quantile(np.abs(column), 0.9) if len(column) else 0.0 for column in columns])
 
 
 def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
+from monitor.identify.signals.order import median, medians, quantile, window_medians, window_starts
 from monitor.recording import Array, Recording
 
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a comparison
@@ -73,7 +74,7 @@ def _reason(recording: Recording, slope: Array, speed: Array, beyond: list[bool]
             return f"the speeds of joints {j + 1} and {other[0] + 1} are exchanged"
     j = joints[0]
     fast = np.abs(speed[:, j]) > 0.5 * _size(speed[:, j])
-    factor = float(np.median(slope[fast, j] / speed[fast, j])) if fast.any() and _size(speed[:, j]) > 0.0 else 0.0
+    factor = median(slope[fast, j] / speed[fast, j]) if fast.any() and _size(speed[:, j]) > 0.0 else 0.0
     if _mismatch(slope[:, j], factor * speed[:, j]) < WRONG and factor > 0.0:
         return f"the positions of {of} change {factor:.3g} times as fast as their speeds say; expected 1 (or 57.3 for degrees)"
     return f"the speeds of {of} are not the change of their positions"
@@ -85,21 +86,25 @@ def _mismatch(slope: Array, speed: Array) -> float:
     Half of the windows may hold a torn row.
     """
     larger = np.maximum(np.abs(slope), np.abs(speed))
-    informative = larger > 0.3 * np.quantile(larger, USUAL)
+    informative = larger > 0.3 * quantile(larger, USUAL)
     if np.sum(informative) < FEWEST_WINDOWS:
         return 0.0
-    return float(np.median(np.abs(speed - slope)[informative]) / np.median(larger[informative]))
+    return median(np.abs(speed - slope)[informative]) / median(larger[informative])
 
 
 def _size(x: Array) -> float:
     """The 75 % quantile of |x|: a joint may rest for most of the time, and a torn row moves a fifth of the windows at most."""
-    return float(np.quantile(np.abs(x), USUAL))
+    return quantile(np.abs(x), USUAL)
 
 
 def _ripple(x: Array) -> Array:
     """(J,) standard deviation of what changes from row to row in x (N, J), by the median of second differences."""
     with np.errstate(invalid="ignore", over="ignore"):
-        ripple: Array = 1.4826 * np.nanmedian(np.abs(np.diff(x, n=2, axis=0)), axis=0) / math.sqrt(6.0)
+        change = np.abs(x[2:] - 2.0 * x[1:-1] + x[:-2])
+        found = medians(np.ascontiguousarray(change.T))
+        if np.any(np.isnan(found)):
+            found = np.nanmedian(change, axis=0)
+        ripple: Array = 1.4826 * found / math.sqrt(6.0)
     return ripple
 
 
@@ -112,12 +117,12 @@ def _windows(t_s: Array, x: Array, rate: Array | None) -> tuple[Array, Array, Ar
         return None
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         step = np.diff(t_s)
-        tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.inf
+        tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
         length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS))
-        first = np.arange(0, len(t_s) - length, max(1, length // 2))
+        first = window_starts(len(t_s), length)
         dt = t_s[first + length] - t_s[first]
         slope = (x[first + length] - x[first]) / dt[:, None]
-        speed = np.median(rate[first[:, None] + np.arange(length + 1)], axis=1)
+        speed = window_medians(rate, length)
         turn = 2.0 * math.pi / dt[:, None] * np.sign(slope)
         slope = np.where(np.abs(slope - turn - speed) < 0.1 * np.abs(slope - speed), slope - turn, slope)  # a turn is no motion
         sound = (dt > 0.0) & (dt < 1.5 * length * tick) & np.all(np.abs(slope) < 1e4, axis=1) & np.all(np.abs(speed) < 1e4, axis=1)
@@ -129,10 +134,10 @@ def _windows(t_s: Array, x: Array, rate: Array | None) -> tuple[Array, Array, Ar
     inner = sound & np.roll(sound, 1) & np.roll(sound, -1)
     for j in range(x.shape[1]):
         left, a = slope[inner, j] - speed[inner, j], change[inner, j]
-        strong = np.abs(a) > np.quantile(np.abs(a), 0.5) if len(a) else np.zeros(0, dtype=bool)
+        strong = np.abs(a) > quantile(np.abs(a), 0.5) if len(a) else np.zeros(0, dtype=bool)
         if np.sum(strong) >= FEWEST_WINDOWS // 2 and np.all(np.abs(a[strong]) > 0.0):
             each = left[strong] / a[strong]
-            middle = float(np.median(each))
-            doubt = SURE * 1.5 * float(np.median(np.abs(each - middle))) / math.sqrt(len(each))
+            middle = median(each)
+            doubt = SURE * 1.5 * median(np.abs(each - middle)) / math.sqrt(len(each))
             lag[j] = math.copysign(max(0.0, abs(middle) - doubt), middle)
     return slope[sound], speed[sound], noise, lag

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.identify.signals.motion import Motion
-from monitor.identify.signals.readings import plausible_temperature
+from monitor.identify.signals.readings import plausible_temperatures
 from monitor.recording import Array, Recording
 
 
@@ -25,8 +25,9 @@ def warming(recordings: Sequence[Recording]) -> Array | None:
         if recording.temperature_c is None:
             return None
         slope = np.full(recording.joints, np.nan)
+        plausible = plausible_temperatures(recording.temperature_c)
         for j, column in enumerate(recording.temperature_c.T):
-            good = np.isfinite(recording.t_s) & plausible_temperature(column)
+            good = np.isfinite(recording.t_s) & plausible[:, j]
             t = recording.t_s[good] - np.mean(recording.t_s[good]) if good.any() else np.zeros(0)
             if len(t) < 2 or not np.ptp(t) > 0:
                 return None

@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.motion import Motion, SignalSettings, motion
+from monitor.identify.signals.order import quantiles
 from monitor.recording import Recording
 
 ANY_JOINT = 1e-6  # fraction of the joints: one that moves is enough
@@ -25,7 +26,7 @@ def motions_of(recordings: Sequence[Recording], settings: SignalSettings) -> lis
     alone = replace(settings, min_moving_share=min(ANY_JOINT, settings.min_moving_share), min_duration_s=least_s)
     motions = [motion(recording, alone) for recording in recordings]
     joints = motions[0].q.shape[1]
-    fastest = np.max([np.percentile(np.abs(moved.qd), 99.0, axis=0) for moved in motions], axis=0)  # (J,)
+    fastest = np.max([quantiles(np.abs(moved.qd), 0.99) for moved in motions], axis=0)  # (J,)
     moving = int(np.sum(fastest >= settings.min_speed_rad_s))
     needed = int(np.ceil(settings.min_moving_share * joints))
     if moving < needed:

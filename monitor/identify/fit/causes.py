@@ -1,0 +1,53 @@
+"""The fit once more beside every repeatable cause that has a name.
+
+The causes are the law of the residual friction, a delay between torque and motion, the warming during the recording, and an offset of the
+torque. All are fitted on a part of the rows, which says as much as all of them, and each question takes the causes that it needs.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.fit import Fit
+from monitor.identify.fit.least_squares import Beside, Factor, Rows, Solution, factors, residuals_beside, solve
+from monitor.model.friction import PAPER, residual_law
+from monitor.recording import Array
+
+OTHER_CAUSES = ("delay", "warming_fc", "warming_fv", "offset")  # columns of each joint behind those of the law
+
+
+class Causes:
+    """The equations of a fit and the columns of the causes, of one of `every` samples."""
+
+    def __init__(self, problem: FitProblem, found: Fit, every: int) -> None:
+        """Of a fit, perhaps moved to a physically consistent arm."""
+        law, B = residual_law(), len(problem.prior)
+        self._found, self._prior, self._terms = found, problem.prior, len(law.extra_terms)
+        self.every, self.rows, self._columns = every, list[Rows](), list[Array]()
+        for eq, before, torque in zip(problem.equations, found.rows, found.torques, strict=True):
+            moved = eq.motion
+            self.rows.append(before.thinned(every, B))
+            delay = -np.gradient(torque, axis=0) * moved.rate_hz  # (N, J) [N·m/s] of a torque that comes later
+            middle = moved.t_s - np.mean(moved.t_s)
+            warming = moved.rounded(middle[:, None, None] * PAPER.columns(moved.qd))  # (N, J, 2)
+            extra = eq.extra_columns(law, found.solution.values[:B], problem.layout)
+            parts = (extra, delay[:, :, None], warming, np.ones((*delay.shape, 1)))
+            self._columns.append(np.concatenate([part[::every] for part in parts], axis=2))
+        whole = found.joints if every == 1 else factors(self.rows)
+        self._joints = Beside(self.rows, whole).with_own(self._columns)
+
+    def beside(self, others: Sequence[str]) -> tuple[Solution, list[Array]]:
+        """The fit beside the law of the residual friction and these of `OTHER_CAUSES`: solution and residuals (n, J) [N·m].
+
+        The solution's unknowns are those of the law, then each joint's share of the other causes in the order of `OTHER_CAUSES`.
+        """
+        J, B, E = len(self._joints), len(self._prior), self._terms + len(OTHER_CAUSES)
+        chosen = [*range(self._terms), *(self._terms + k for k, name in enumerate(OTHER_CAUSES) if name in others)]
+        places = np.concatenate([np.arange(B), (B + E * np.arange(J)[:, None] + chosen).ravel(), [B + J * E]])
+        joints = [Factor(factor.R[:, places], factor.samples) for factor in self._joints]
+        solution = solve(joints, self._found.weights, np.append(self._prior, np.zeros(J * len(chosen))))
+        residuals = residuals_beside(self.rows, [columns[:, :, chosen] for columns in self._columns], solution.values)
+        own = B + np.arange(J * len(chosen)).reshape(J, -1)  # (J, E) places of each joint's own columns
+        order = np.concatenate([np.arange(B), own[:, : self._terms].ravel(), own[:, self._terms :].ravel()])
+        return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals

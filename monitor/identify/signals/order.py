@@ -1,0 +1,53 @@
+"""Medians and quantiles of a few hundred numbers: what numpy's give, number for number, in a tenth of their time."""
+
+import math
+
+import numpy as np
+
+from monitor.recording import Array, Indices
+
+
+def median(x: Array) -> float:
+    """The median of x (n,); NaN where x is empty or holds NaN."""
+    found: float = medians(x[None])[0] if len(x) else np.float64(math.nan)  # numpy's: a division by it raises nothing
+    return found
+
+
+def medians(x: Array) -> Array:
+    """(…) medians along the last axis of x (…, n), n > 0; NaN where a row holds NaN."""
+    n = x.shape[-1]
+    ordered = np.partition(x, sorted({(n - 1) // 2, n // 2, n - 1}), axis=-1)  # NaN stands last
+    middle: Array = (ordered[..., (n - 1) // 2] + ordered[..., n // 2]) / 2.0
+    return np.where(np.isnan(ordered[..., -1]), np.nan, middle)
+
+
+def quantile(x: Array, share: float) -> float:
+    """The quantile of x (n,), with linear interpolation; NaN where x is empty or holds NaN."""
+    n = len(x)
+    if not n:
+        return np.float64(math.nan)
+    place = share * (n - 1)
+    low = math.floor(place)
+    high, part = min(low + 1, n - 1), place - low
+    ordered = np.partition(x, sorted({low, high, n - 1}))
+    a, b = ordered[low], ordered[high]
+    found: float = b - (b - a) * (1.0 - part) if part >= 0.5 else a + (b - a) * part
+    return np.float64(math.nan) if np.isnan(ordered[-1]) else found
+
+
+def quantiles(x: Array, share: float) -> Array:
+    """(J,) `quantile` of each column of x (N, J)."""
+    return np.array([quantile(np.ascontiguousarray(column), share) for column in x.T])
+
+
+def window_starts(rows: int, length: int) -> Indices:
+    """(W,) first rows of the windows of `length` + 1 rows, each of which begins half a window after the one before it."""
+    return np.arange(0, rows - length, max(1, length // 2))
+
+
+def window_medians(x: Array, length: int) -> Array:
+    """(W, J) medians of x (N, J) over the windows of `window_starts`; W is 0 where x is shorter than a window."""
+    if len(x) <= length:
+        return np.empty((0, x.shape[1]))
+    windows = np.lib.stride_tricks.sliding_window_view(x, length + 1, axis=0)  # (N − length, J, length + 1)
+    return medians(windows[:: max(1, length // 2)])

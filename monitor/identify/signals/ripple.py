@@ -1,0 +1,226 @@
+"""Gear ripple: the part of the current that repeats with each turn of the motor, from the current as it was recorded, not filtered.
+
+A strain wave gear of ratio 101 lets the motor turn 101 times a turn of the joint; its current ripples once, twice and four times a turn of
+the motor. In a joint's angle q that is cos(c·q) and sin(c·q) with c = 101, 202 and 404, whatever the speed. Each direction of motion has
+its own phase: play and the delay of the current are seen from the other side. The amplitude is that over both.
+
+Both the current and the regressors pass the same high-pass, which takes the torque of the motion away and adds no bias (Frisch and Waugh,
+1933). The noise that remains is correlated, so the covariance is that of the delete-a-group jackknife over blocks of time, Bell and
+McCaffrey (2002), and few blocks make the deviation wider, as for Student's t.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from monitor.identify.signals.order import median
+from monitor.recording import Array, Indices
+
+ORDERS = (1, 2, 4)  # cycles a turn of the motor, each twice the one before; strain wave gears have two lobes, so the second is their own
+WINDOW_S = 0.32  # of the running mean that the high-pass takes away
+LEAST_HZ = 4.0  # slower ripple is not told from the torque of the motion
+MOST_OF_RATE = 0.4  # of the sample rate: near a half of it, ripple takes another frequency
+LEAST_CYCLES = 20.0  # of one direction; fewer are an accident
+LEAST_SEEN = 0.25  # of the rows that are fast enough: fewer are no fair part of the motion, and the rest takes frequencies beside theirs
+BLOCK_S = 0.4  # longer than the correlation of what the high-pass leaves
+LEAST_BLOCKS = 12
+LEAST_FREEDOM = 4.0  # of Student's t; fewer count as so many
+LEAST_A = 1e-9  # [A] a smaller deviation is one of made-up data without noise
+OUTLIER_STD = 8.0  # a reading that is further off is a spike, and is cut to this size
+
+SLOW = "too slow"  # why an amplitude is not known: the joint did not move, or so slowly that ripple is part of the motion
+FAST = "too fast for the sample rate"
+
+
+class Unfiltered(NamedTuple):
+    """The sound rows of a recording as they were measured, in stretches without a hole."""
+
+    t_s: Array  # (N,)
+    q: Array  # (N, J) [rad]
+    qd: Array  # (N, J) [rad/s]
+    current: Array  # (N, J) [A]
+    stretches: Sequence[Indices]
+
+
+class Ripple(NamedTuple):
+    """Ripple of each joint at H cycles a turn."""
+
+    cycles_per_turn: Array  # (J, H) of the joint
+    amplitude_a: Array  # (J, H) [A]; NaN where it is not known
+    std_a: Array  # (J, H) [A]
+    why: tuple[tuple[str | None, ...], ...]  # J × H: SLOW or FAST where it is not known
+    highest_rad_s: Array  # (J, H) up to which speed the sample rate shows it
+
+
+def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float) -> Ripple | None:
+    """The ripple of the current. gear_ratio : (J,) turns of the motor a turn of the joint. None without a current or any known ratio."""
+    if unfiltered is None or not np.any(np.isfinite(gear_ratio)):
+        return None
+    J, H = len(gear_ratio), len(ORDERS)
+    cycles = np.outer(gear_ratio, ORDERS)
+    highest = 2.0 * math.pi * MOST_OF_RATE * rate_hz / cycles
+    amplitude, std = np.full((2, J, H), np.nan)
+    why: list[tuple[str | None, ...]] = [(SLOW,) * H] * J
+    width = max(3, 2 * round(0.5 * WINDOW_S * rate_hz) + 1)
+    stretches = [slice(rows[0], rows[-1] + 1) for rows in unfiltered.stretches if len(rows) > 2 * width]
+    if stretches:
+        blocks = np.floor(_joined([unfiltered.t_s[each] for each in stretches]) / BLOCK_S)
+        for j in np.flatnonzero(np.isfinite(gear_ratio)):  # one after the other: the waves of a long recording fill the memory
+            qd = unfiltered.qd[:, j]
+            turning, speed = np.sign(qd), np.abs(qd)
+            signals = np.stack([*_waves(gear_ratio[j] * unfiltered.q[:, j]), unfiltered.current[:, j], turning])
+            passed = _joined([_high_pass(signals[:, each], width) for each in stretches])  # (2·H + 2, n)
+            turning, speed = (_joined([x[each] for each in stretches]) for x in (turning, speed))
+            # 1 or −1 where the joint moves in this direction in all `width` samples around, else 0: there the high-pass holds no reversal
+            direction = np.where(np.abs(turning - passed[-1]) > 1.0 - 0.5 / width, turning, 0.0)
+            limit = OUTLIER_STD * 1.4826 * median(np.abs(passed[-2]))
+            np.clip(passed[-2], -limit, limit, out=passed[-2])  # spikes
+            amplitude[j], std[j], why[j] = _of_joint(passed[:-1], direction, speed, blocks, cycles[j], rate_hz)
+    return Ripple(cycles, amplitude, std, tuple(why), highest)
+
+
+def _waves(turned: Array) -> list[Array]:
+    """Cosines, then sines, of each order, (N,) each, of a motor's angle (N,) [rad]."""
+    cosines, sines = [np.cos(turned)], [np.sin(turned)]
+    for _ in ORDERS[1:]:  # each order is twice the one before it
+        c, s = cosines[-1], sines[-1]
+        cosines.append(c * c - s * s)
+        sines.append(2.0 * s * c)
+    return [*cosines, *sines]
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """The parts (…, n) one after the other."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+
+def combined(ripples: Sequence[Ripple | None]) -> Ripple | None:
+    """The ripple of several recordings of one arm: each amplitude's mean, weighted by certainty. None where no recording has any."""
+    known = [ripple for ripple in ripples if ripple is not None]
+    if len(known) < 2:  # most often
+        return known[0] if known else None
+    amplitude, std = (np.stack([getattr(ripple, name) for ripple in known]) for name in ("amplitude_a", "std_a"))
+    weight = np.where(np.isfinite(amplitude), 1.0 / np.maximum(std, LEAST_A) ** 2, 0.0)
+    total = np.sum(weight, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean, both = np.sum(weight * np.nan_to_num(amplitude), axis=0) / total, 1.0 / np.sqrt(total)
+    mean, both = (np.where(total > 0.0, value, np.nan) for value in (mean, both))
+    why = tuple(tuple(None if total[j, h] > 0.0 else reason for h, reason in enumerate(reasons)) for j, reasons in enumerate(known[0].why))
+    return Ripple(known[0].cycles_per_turn, mean, both, why, np.max([ripple.highest_rad_s for ripple in known], axis=0))
+
+
+class _Case(NamedTuple):
+    """One order in one direction of motion."""
+
+    order: int  # place in ORDERS
+    rows: float  # number of rows
+    sums: Array  # (blocks, 2·H + 1, 2·H + 1) products of cosines, sines and current over each block of time
+
+
+class _Found(NamedTuple):
+    """What the rows of one joint say, each (H,)."""
+
+    amplitude_a: Array
+    std_a: Array
+    why: tuple[str | None, ...]
+
+
+def _of_joint(signals: Array, direction: Array, speed: Array, blocks: Array, cycles: Array, rate_hz: float) -> _Found:
+    """Amplitudes of one joint.
+
+    signals : (2·H + 1, n) cosines, sines and current, all through the high-pass. direction : (n,) as in `gear_ripple`. speed : (n,) |q̇|.
+    blocks : (n,) number of the block of time. cycles : (H,).
+    """
+    H = len(cycles)
+    per_speed = cycles / (2.0 * math.pi)  # [Hz·s/rad]
+    frequency = speed * per_speed[:, None]  # (H, n) [Hz]
+    fast = frequency > MOST_OF_RATE * rate_hz
+    seen = (frequency >= LEAST_HZ) & ~fast
+    hidden = np.array([np.count_nonzero(a) < LEAST_SEEN * np.count_nonzero(a | b) for a, b in zip(seen, fast, strict=True)])
+    # rows in a row that are used alike: all else is computed from their sums
+    used_as = np.stack([direction, blocks, *seen])
+    starts = np.concatenate([[0], 1 + np.flatnonzero(np.any(used_as[:, 1:] != used_as[:, :-1], axis=0))])
+    way, block, *each_seen = used_as[:, starts]
+    rows, turned = np.diff(starts, append=len(blocks)).astype(float), np.add.reduceat(speed, starts)
+    products = _products(signals, starts)
+    cases = []
+    for this_way in (way > 0.0, way < 0.0):
+        for h in map(int, np.flatnonzero(~hidden)):
+            used = this_way & (each_seen[h] > 0.0)
+            if used @ turned * per_speed[h] < LEAST_CYCLES * rate_hz:
+                continue
+            changes = block[used][1:] != block[used][:-1]
+            if np.count_nonzero(changes) + 1 >= LEAST_BLOCKS:
+                sums = np.add.reduceat(products[used], np.append(0, changes.nonzero()[0] + 1), axis=0)
+                cases.append(_Case(h, float(used @ rows), sums))
+    weight, square, variance = np.zeros((3, H))  # sums over the directions
+    for case, fitted in zip(cases, _squares(cases), strict=True):
+        if fitted is not None:
+            h, n = case.order, case.rows
+            weight[h], square[h], variance[h] = weight[h] + n, square[h] + n * fitted[0], variance[h] + n * n * fitted[1]
+    known = weight > 0.0
+    total = np.where(known, weight, np.nan)
+    size, doubt = np.maximum(square / total, 0.0), np.sqrt(variance) / total
+    amplitude = np.sqrt(size)
+    why = tuple(None if known[h] else FAST if hidden[h] else SLOW for h in range(H))
+    # dA = dA²/(2·A) far from zero, and √dA² at zero; a current that never changes tells neither
+    spread = amplitude + np.sqrt(size + doubt)
+    return _Found(amplitude, np.divide(doubt, spread, out=np.full(H, np.nan), where=spread > 0.0), why)
+
+
+def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
+    """Of each case |z|² of its wave's coefficient without the part that noise adds, and its variance; None where it has no solution.
+
+    The other orders are regressed too: where ripple is faster than the sample rate shows, it takes another frequency with it. With
+    b ~ N(z, C), E|b|² = |z|² + tr C and var |b|² = 4·zᵀCz + 2·tr C².
+    """
+    if not cases:
+        return []
+    sums, lengths = np.concatenate([case.sums for case in cases]), [len(case.sums) for case in cases]
+    first = np.cumsum([0, *lengths[:-1]])
+    gram, along = sums[:, :-1, :-1], sums[:, :-1, -1]
+    whole, total = np.add.reduceat(gram, first, axis=0), np.add.reduceat(along, first, axis=0)
+    try:
+        b = np.linalg.solve(whole, total[:, :, None])  # (cases, 2·H, 1)
+        left = along - (gram @ np.repeat(b, lengths, axis=0))[:, :, 0]
+        moved = np.linalg.solve(np.repeat(whole, lengths, axis=0) - gram, left[:, :, None])[:, :, 0]  # by the block that is left out
+    except np.linalg.LinAlgError:  # waves that are one, as of a joint that turned to and fro by a thousandth of a turn
+        return [None] if len(cases) == 1 else [_squares([case])[0] for case in cases]
+    found: list[tuple[float, float] | None] = []
+    for case, at, values, blocks in zip(cases, first, b[:, :, 0], lengths, strict=True):
+        own, here = [case.order, case.order + len(ORDERS)], slice(at, at + blocks)
+        z, apart, energy = values[own], moved[here][:, own], gram[here][:, own, own].sum(axis=1)  # energy of the wave in each block
+        freedom = max(float(energy.sum() ** 2 / (energy @ energy)) - len(values), LEAST_FREEDOM)
+        # few blocks, some of them short: intervals of 90 % are those of Student's t; Abramowitz and Stegun (1972), 26.7.5
+        wider = 1.0 + 0.926 / freedom + 0.864 / freedom**2
+        C = apart.T @ apart * wider**2
+        pure = 2.0 * float((C * C).sum())
+        found.append((float(z @ z - C[0, 0] - C[1, 1]), max(4.0 * float(z @ C @ z) - pure, pure)))
+    return found
+
+
+def _products(signals: Array, starts: Indices) -> Array:
+    """(R, S, S) sums of the products of signals (S, n) over the runs of rows that begin at `starts`."""
+    S = len(signals)
+    products = np.empty((len(starts), S, S))
+    for a in range(S):
+        sums = np.add.reduceat(signals[a] * signals[a:], starts, axis=1).T  # (R, S − a)
+        products[:, a, a:], products[:, a:, a] = sums, sums
+    return products
+
+
+def _high_pass(x: Array, width: int) -> Array:
+    """(…, n) without the running mean over `width` samples, an odd number; at the ends over those that there are."""
+    n, half = x.shape[-1], width // 2
+    sums = np.zeros((*x.shape[:-1], n + 1))
+    np.cumsum(x, axis=-1, out=sums[..., 1:])
+    mean = np.empty_like(x)
+    np.subtract(sums[..., width:], sums[..., :-width], out=mean[..., half : n - half])
+    mean[..., half : n - half] /= width
+    count = np.arange(half + 1, width)  # of samples at the first rows, and at the last ones in reverse
+    mean[..., :half] = sums[..., half + 1 : width] / count
+    mean[..., n - half :] = (sums[..., -1:] - sums[..., n - 2 * half : n - half]) / count[::-1]
+    np.subtract(x, mean, out=mean)
+    return mean
