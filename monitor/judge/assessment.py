@@ -15,6 +15,7 @@ from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.observation import observe
+from monitor.judge.drift.ripple_track import JointRipple, joint_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.drift.work import Work
@@ -22,6 +23,7 @@ from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.judge.torque.compensation import build_model
+from monitor.recording import known_or_none
 
 LAW_POINTS = 9  # points of the published temperature law, over the learned range
 DEPENDS_SIGMAS = 2.0  # Coulomb friction depends on temperature if its slope is beyond so many standard deviations
@@ -53,6 +55,7 @@ class JointFriction:
     replay_torque_std_nm: float | None  # with the scatter from replay to replay
     unseen_step: float | None  # fraction: a larger step, `unseen_step_days` ago, would have been detected in nine of ten
     unseen_step_days: float | None
+    ripple: JointRipple | None  # of the gear
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,6 +158,7 @@ def joint_friction(
     state = belief.drift_state
     wear, wear_std = belief.wear_with_undetected(drift)
     unseen = belief.unseen_step(drift)
+    ripples = joint_ripple(belief.ripple)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
@@ -190,6 +194,7 @@ def joint_friction(
                 replay_torque_std_nm=known_or_none(alone_std[j]),
                 unseen_step=known_or_none(np.expm1(unseen.log_rise[j])),
                 unseen_step_days=known_or_none(unseen.days[j]),
+                ripple=None if ripples is None else ripples[j],
             )
         )
     return tuple(joints)
@@ -233,8 +238,3 @@ def joint_temperature(identification: Identification, belief: Belief, *, coulomb
         )
         for j in range(belief.joints)
     )
-
-
-def known_or_none(value: float) -> float | None:
-    """A float, or None for a value that is not finite."""
-    return float(value) if math.isfinite(value) else None

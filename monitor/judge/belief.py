@@ -12,10 +12,13 @@ from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
 from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.reference import reference_from_document
+from monitor.judge.drift.ripple_track import RippleTrack, ripple_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState
+from monitor.judge.drift.two_sources import EXTRA_STATES, sources_from_document
 from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
+from monitor.judge.drift.undeclared_level import UndeclaredLevel, Weights, undeclared_level_from_document
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
@@ -24,6 +27,7 @@ from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
 from monitor.judge.temperature.stuck import SensorHistory, sensors_from_document
+from monitor.judge.work_observation import WorkHistory, context_from_document, work_history_from_document
 from monitor.recording import Array, Context
 
 BELIEF_SCHEMA = 4
@@ -35,7 +39,7 @@ class Belief:
 
     robot: str
     reference_speed_rad_s: float
-    at_unix_s: float  # of the last replay
+    at_unix_s: float  # of the last replay, or the end of the last period of work that was judged
     began_at_unix_s: float
     replays: int
     days: int  # UTC days with a replay
@@ -56,7 +60,13 @@ class Belief:
     prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
     works: tuple[Work, ...] = ()  # on joints: those that are not judged yet, and of each joint the last one from which friction counts
     residual_peak_rad: Array | None = None  # (J,) where along the joint the last replay's residual was largest; None: not known
+    ripple: RippleTrack | None = (
+        None  # of the gears, in the context in force; None where none was seen, and in beliefs of releases without it
+    )
+    undeclared_level: UndeclaredLevel | None = None  # of weights that contradict the context in force, and have a level of their own
+    undeclared_candidate: UndeclaredLevel | None = None  # likewise, after too few replays for one
     schema_version: int = BELIEF_SCHEMA
+    ordinary_work: WorkHistory | None = None  # observations from the arm's ordinary work; None: there was none
 
     @property
     def joints(self) -> int:
@@ -67,6 +77,15 @@ class Belief:
     def context(self) -> Context:
         """The context in force."""
         return self.contexts[-1].context
+
+    @property
+    def arm_weights(self) -> Weights:
+        """What the arm weighs in the context in force."""
+        return Weights(self.mass_estimate, self.undeclared_level, self.undeclared_candidate)
+
+    def with_arm_weights(self, weights: Weights) -> "Belief":
+        """The belief with other weights in the context in force."""
+        return replace(self, mass_estimate=weights.declared, undeclared_level=weights.level, undeclared_candidate=weights.candidate)
 
     @property
     def slot(self) -> Array:
@@ -107,8 +126,9 @@ class Belief:
     @property
     def worked(self) -> np.ndarray:
         """(J,) joints with work that is not judged yet."""
-        waiting = [work.joint for work in self.works if work.waiting]
-        return np.isin(np.arange(1, self.joints + 1), waiting)
+        worked = np.zeros(self.joints, dtype=bool)
+        worked[[work.joint - 1 for work in self.works if work.waiting]] = True
+        return worked
 
     def counted_since(self, joint: int) -> Work | None:
         """The work on a joint (from 1) since which its friction counts; None: since the beginning."""
@@ -156,7 +176,7 @@ class Belief:
 
         It is for a person to read, and not for alerts.
         """
-        H = np.zeros((self.joints, STATES))
+        H = np.zeros((self.joints, self.filter_state.mean.shape[1]))
         H[:, WEAR] = 1.0
         more, more_var = undetected_change(self.filter_state, H, settings)
         moved = self.filter_state.counted_from
@@ -190,6 +210,10 @@ class Belief:
     def as_document(self) -> dict[str, Any]:
         """The belief as plain JSON; `belief_from_document` is the exact inverse."""
         document: dict[str, Any] = plain(self)
+        if self.filter_state.sources is None:  # as releases without ordinary work wrote it
+            del document["track"]["sources"]
+        if self.ordinary_work is None:
+            del document["ordinary_work"]
         return document
 
 
@@ -221,7 +245,11 @@ def belief_from_document(document: Any) -> Belief:
             days=int(entry(document, "days", where=where)),
             contexts=tuple(
                 OpenedContext(
-                    _context(o["context"]), float(o["opened_at_unix_s"]), int(o["replays"]), None if o["slot"] is None else int(o["slot"])
+                    context_from_document(o["context"]),
+                    float(o["opened_at_unix_s"]),
+                    int(o["replays"]),
+                    None if o["slot"] is None else int(o["slot"]),
+                    bool(o.get("undeclared", False)),
                 )
                 for o in ledger
             ),
@@ -232,10 +260,14 @@ def belief_from_document(document: Any) -> Belief:
             coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
             sensors=sensors_from_document(document.get("sensors"), J),
             prediction_error=statistics_from_document(document.get("doubt"), J),
+            ripple=ripple_from_document(document.get("ripple"), J),
             works=tuple(Work(**work) for work in document.get("works") or ()),
             residual_peak_rad=None
             if document.get("residual_peak_rad") is None
             else array(document, "residual_peak_rad", (J,), where=where),
+            ordinary_work=work_history_from_document(document.get("ordinary_work"), J),
+            undeclared_level=undeclared_level_from_document(document.get("undeclared_level")),
+            undeclared_candidate=undeclared_level_from_document(document.get("undeclared_candidate")),
             **arrays,
         )
     except (TypeError, ValueError, KeyError) as wrong:
@@ -244,10 +276,12 @@ def belief_from_document(document: Any) -> Belief:
 
 def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     """The filter's state; where an older release kept no history, it begins with what the filter knows, with the level in `slot`."""
+    sources = sources_from_document(document.get("sources") if isinstance(document, dict) else None, J)
+    S = STATES if sources is None else STATES + EXTRA_STATES
     shapes: dict[str, tuple[int, ...]] = {
-        "mean": (J, STATES),
-        "cov": (J, STATES, STATES),
-        "responses": (J, KINDS, WINDOW, STATES),
+        "mean": (J, S),
+        "cov": (J, S, S),
+        "responses": (J, KINDS, WINDOW, S),
         "glr_scores": (J, KINDS, WINDOW),
         "raw_glr_scores": (J, KINDS, WINDOW),
         "glr_informations": (J, KINDS, WINDOW),
@@ -257,18 +291,13 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     kept = isinstance(document, dict) and "history" in document
     complete = {"activity": [1.0] * J, "usual_warming": [0.0] * J, **document}  # releases without it
     complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
-    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance")]
+    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance", "sources")]
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
     state = FilterState(
         **values,
         counted_from=reference_from_document(complete.get("counted_from"), J),
         channels=channels_from_document(complete.get("channels"), J),
         chance=chance_from_document(complete.get("chance"), J),
+        sources=sources,
     )
     return state if kept else begin_history(state, np.full(J, slot))
-
-
-def _context(document: dict[str, Any]) -> Context:
-    """A Context from its fields."""
-    listed = {key: tuple(document[key]) for key in ("mounting_rad", "joint_serials", "revolutions") if document.get(key) is not None}
-    return Context(**{**document, **listed})

@@ -14,7 +14,10 @@ from monitor.recording import Array
 def plain(value: Any) -> Any:
     """A value as plain JSON: lists for arrays and tuples, objects for dataclasses and named tuples, null for NaN."""
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        listed = value.tolist()
+        # nearly every array is of numbers without NaN: a belief has thousands of them, and is written several times a replay
+        whole = value.dtype.kind in "biu" or (value.dtype.kind == "f" and not np.isnan(value).any())
+        return listed if whole else plain(listed)
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if is_dataclass(value) and not isinstance(value, type):

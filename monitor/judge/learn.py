@@ -11,18 +11,29 @@ from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
-from monitor.judge.drift.contexts import OpenedContext, comparable, differences, enter, with_declarations_of, with_lasting_declarations
+from monitor.judge.drift.contexts import (
+    OpenedContext,
+    comparable,
+    declare_level,
+    differences,
+    enter,
+    may_be_level,
+    with_declarations_of,
+    with_lasting_declarations,
+)
 from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
 from monitor.judge.drift.observation import Observation, observe
+from monitor.judge.drift.ripple_track import update_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared_change import (
     NO_UNDECLARED_CHANGE,
+    RigidFit,
     UndeclaredChange,
-    find_undeclared_change,
+    another_gravity,
     rigid_fit,
-    update_mass_estimate,
 )
+from monitor.judge.drift.undeclared_level import Weights, declares_level, weigh
 from monitor.judge.drift.work import MAINTENANCE, REPLACED, SERIALS, Work, count_replay, judged
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.works import begin_works, with_outcomes
@@ -105,13 +116,12 @@ def learn(
     Raises BadInput for a time before the belief's, and for revolutions of another number of joints.
     """
     observation = observe(identification, settings)
-    change = _enter_context(belief, with_lasting_declarations(belief.context, context), at_unix_s)
+    limits, fit = health or HealthSettings(), rigid_fit(identification)
+    change = _enter_context(belief, with_lasting_declarations(belief.context, context), at_unix_s, fit, limits)
+    undeclared = another_gravity(identification)
+    if undeclared.condition is None:
+        change, undeclared = _enter_level(change, fit, at_unix_s, limits)
     moved = change.belief
-    limits = health or HealthSettings()
-    undeclared = find_undeclared_change(
-        identification, moved.mass_estimate, sigma=limits.contradiction_sigma, mass_kg=limits.contradiction_kg
-    )
-    contradicted = undeclared.condition is not None
     replay = Replay(
         observation=observation,
         days=np.array([_days_since(belief, at_unix_s)]),
@@ -119,13 +129,14 @@ def learn(
         opened=np.array([change.opened]),
         replaced=change.replaced,
         worked=moved.worked,
-        undeclared=np.array([contradicted]),
+        undeclared=np.array([undeclared.withheld]),
         revolutions=_revolutions(belief, context),
     )
     result = step(belief.drift_state, replay, settings, laws)
-    after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad)
-    if not contradicted:
-        after = replace(after, mass_estimate=update_mass_estimate(moved.mass_estimate, rigid_fit(identification)))
+    sources = belief.filter_state.sources
+    days = float(replay.days[0]) + (0.0 if sources is None else float(sources.since_days.max()))  # since the last replay
+    ripple = update_ripple(belief.ripple, identification.ripple, days, fresh=bool(change.differences))
+    after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad, ripple=ripple)
     after, settled = _judge_works(after, limits, settings)
     return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.works, *settled))
 
@@ -148,7 +159,7 @@ def _judge_works(belief: Belief, limits: HealthSettings, settings: DriftSettings
     return with_outcomes(replace(belief, works=works), settled, settings), settled
 
 
-def _enter_context(belief: Belief, context: Context, at_unix_s: float) -> _Change:
+def _enter_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, limits: HealthSettings) -> _Change:
     """The belief with the replay's context in force, and with the work on joints that the context declares first."""
     changed = differences(belief.context, context)
     if not changed:
@@ -157,9 +168,28 @@ def _enter_context(belief: Belief, context: Context, at_unix_s: float) -> _Chang
     belief, works = begin_works(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
     if not differences(belief.context, context):
         return _Change(belief, changed, False, works)
+    sigma, mass_kg = limits.contradiction_sigma, limits.contradiction_kg
+    weights, level = belief.arm_weights, belief.arm_weights.level
+    if level is not None and may_be_level(belief.contexts, context) and declares_level(weights, fit, sigma=sigma, mass_kg=mass_kg):
+        belief = replace(belief, contexts=declare_level(belief.contexts, context))
+        return _Change(belief.with_arm_weights(Weights(level.estimate)), changed, False, works)
     contexts, opened = enter(belief.contexts, context, at_unix_s)
-    weights = belief.mass_estimate if _another_motion_only(belief.context, context) else None
-    return _Change(replace(belief, contexts=contexts, mass_estimate=weights), changed, opened, works)
+    weights = weights if _another_motion_only(belief.context, context) else Weights()
+    return _Change(replace(belief, contexts=contexts).with_arm_weights(weights), changed, opened, works)
+
+
+def _enter_level(change: _Change, fit: RigidFit, at_unix_s: float, limits: HealthSettings) -> tuple[_Change, UndeclaredChange]:
+    """The belief with the weights of one more replay, and with that level in force to which they belong; what they contradict."""
+    belief, sigma, mass_kg = change.belief, limits.contradiction_sigma, limits.contradiction_kg
+    weights, undeclared = weigh(belief.arm_weights, fit, at_unix_s, sigma=sigma, mass_kg=mass_kg, declared_kg=belief.context.payload_kg)
+    belief, opened = belief.with_arm_weights(weights), change.opened
+    if undeclared.begins or (not undeclared.withheld and belief.contexts[-1].undeclared != undeclared.own_level):
+        before = belief.contexts
+        if opened:  # nothing is learnt in the declared context yet: its slot may hold the level of one that was displaced
+            before = (*before[:-1], before[-1]._replace(slot=None))
+        contexts, new = enter(before, belief.context, at_unix_s, undeclared=undeclared.own_level, begins=undeclared.begins)
+        belief, opened = replace(belief, contexts=contexts), new
+    return change._replace(belief=belief, opened=opened), undeclared
 
 
 def _another_motion_only(before: Context, after: Context) -> bool:
@@ -222,6 +252,7 @@ def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
         temperature_c=result.observation.temperature_c,
         inside_range=result.inside_range.astype(float),
         last_log_torque=result.observation.log_torque,
+        ordinary_work=None if belief.ordinary_work is None else replace(belief.ordinary_work, asks=(), suspects=()),
     )
 
 
@@ -237,7 +268,7 @@ def _warnings(belief: Belief, result: StepResult, change: _Change, undeclared: U
     if undeclared.condition is not None:
         warnings.append(DataWarning(undeclared.condition, undeclared.text))
     warnings += _temperature_warnings(result.observation)
-    if undeclared.condition is None:
+    if not undeclared.withheld:
         warnings += _filter_warnings(belief)
     return warnings
 

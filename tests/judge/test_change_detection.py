@@ -12,7 +12,7 @@ from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import DENSE
+from monitor.judge.drift.update.change_detection import DENSE, likelihood_ratios, thresholds
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -130,3 +130,20 @@ def test_a_belief_of_schema_3_is_carried_over():
     assert np.all(np.diff(onwards.filter_state.ages, axis=1) > 0)
     with pytest.raises(BadInput, match="not what schema_version 3 wrote"):
         belief_from_document({**old, "track": {}})
+
+
+def test_a_wear_rate_that_only_a_few_replays_fit_needs_more_evidence():
+    """At σ 2 %, six replays know a rate within 77 % a year and a step within 0.8 %: of the same ratio, the rate's counts two thirds.
+
+    Thirty replays know the rate within 8 % a year, and its ratio counts in full.
+    """
+    ages = np.array([[6.0, 30.0]])
+    information = np.stack([ages, ages * (ages + 1.0) * (2.0 * ages + 1.0) / 6.0], axis=1) / 0.02**2  # Σ G²/S of steps and of rates
+    score = 6.0 * np.sqrt(information)
+    settings = DriftSettings()
+    ratio, relative = likelihood_ratios(score, information, information, ages, np.ones((1, 2), dtype=bool), settings)
+    assert ratio == pytest.approx(36.0)
+    counted = relative * thresholds(ages, settings) / ratio
+    assert counted[0, 0] == pytest.approx(1.0, abs=0.01)
+    assert counted[0, 1, 1] == pytest.approx(1.0, abs=0.01)
+    assert counted[0, 1, 0] == pytest.approx(0.67, abs=0.02)

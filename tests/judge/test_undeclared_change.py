@@ -6,22 +6,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic_arm import Arm, History
+from synthetic_arm import CONTEXT, Arm, History
 
 from monitor.assess import AssessSettings, assess
 from monitor.identify.identification import Identification
+from monitor.identify.identify import identify
 from monitor.identify.warnings import DataWarning
+from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.assessment import Assessment
+from monitor.judge.belief import belief_from_document
+from monitor.judge.document import plain
 from monitor.judge.drift.undeclared_change import (
     GAINS,
     PAYLOAD,
     RigidFit,
     compare_weights,
+    mass_estimate_from_document,
     rigid_fit,
     rigid_of,
     update_mass_estimate,
 )
+from monitor.judge.drift.undeclared_level import Weights, weigh
+from monitor.judge.learn import _enter_context, _enter_level
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
@@ -76,7 +83,7 @@ def weighed(rng: np.random.Generator, kg: float = 0.0, gain: float = 1.0) -> Rig
     """The weights of a UR5 as precisely as a replay of 30 s determines them."""
     fit = rigid_fit(carrying(Arm(seed=1).replay(30.0), 0.0))
     values = gain * (fit.values + fit.of_mass @ (kg * np.array([1.0, 0.01, -0.01, 0.05])))
-    return fit._replace(values=values + STD * rng.normal(size=len(STD)), variance=STD**2)
+    return fit._replace(values=values + STD * rng.normal(size=len(STD)), covariance=np.diag(STD**2))
 
 
 def found(replays: int, **changed: float) -> list[str | None]:
@@ -188,3 +195,164 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, 
     assert seen == (payload == "undeclared")
     assert document["health"]["arm"] == ("CHECK_FUNCTION" if seen else "NORMAL")
     assert len(document["contexts"]) == (3 if seen else 4)  # three motions, and the last of them with a declared load
+
+
+def forgotten(days: int, history: History | None = None, *, first: int = 0, kg: float = 0.0, **more: object) -> History:
+    """So many more days with a mass at the flange that raises the friction of shoulder and elbow."""
+    history = history or History()
+    wear = np.asarray(more.get("wear", 0.0)) + np.array([0, 0.024, 0.02, 0, 0, 0]) * (kg > 0)
+    arm = Arm(seed=3 + first, noise=0.01)
+    for day in range(first, first + days):
+        history.add(day, carrying(arm.replay(30.0, wear), kg), replace(CONTEXT, payload_kg=more.get("declared_kg", 0.0)))
+    return history
+
+
+@pytest.fixture(scope="module")
+def with_level() -> History:
+    """Half a kilogram since day 15, which nobody has declared until day 40."""
+    return forgotten(26, forgotten(15), first=15, kg=0.5)
+
+
+def again(history: History) -> History:
+    """A history that goes on from a belief that was stored and read."""
+    copied = History()
+    copied.last = replace(history.last, belief=belief_from_document(json.loads(json.dumps(history.last.belief.as_document()))))
+    copied.health = history.health
+    return copied
+
+
+def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
+    """After 20 replays that weigh the same, wear is learnt again, against another level; the alert stands and says so."""
+    belief = with_level.last.belief
+    assert [(o.undeclared, o.replays, o.slot) for o in belief.contexts] == [(False, 15 + 19, 0), (True, 7, 1)]
+    assert np.all(belief.filter_state.replays == 15 + 7)
+    assert np.all(np.abs(belief.wear) < 0.01)
+    assert [(day, kind, condition) for day, kind, _, condition, _ in with_level.transitions] == [
+        (16, "raised", "payload_contradiction"),
+        (34, "updated", "payload_contradiction"),
+    ]
+    [alert] = with_level.health.active_alerts
+    told = "payload_kg says 0.0 kg, and it weighs about 0.5 kg; wear is judged against a level of its own since 2025-07-20"
+    assert alert.text.endswith(told)
+    assert with_level.health.state == "CHECK_FUNCTION"
+    assert {joint.state for joint in with_level.health.joints} == {"NORMAL"}
+
+
+def test_wear_beside_a_payload_that_nobody_declares_is_found(with_level):
+    """A rise of 10 % in joint 3 after that is the joint's, within two weeks; what was stored is read."""
+    history = forgotten(14, again(with_level), first=41, kg=0.5, wear=np.array([0, 0, 0.1, 0, 0, 0]))
+    assert set(history.first()) == {3}
+
+
+def test_a_payload_that_is_taken_off_again_leaves_the_old_level(with_level):
+    """Weights as before: the level from before is in force, and an alert that was acknowledged clears."""
+    history = again(with_level)
+    history.health = acknowledge(history.health, None, PAYLOAD, by="Ada", why="a camera", at_unix_s=history.last.recorded_at_unix_s)
+    history = forgotten(3, history, first=41)
+    assert [(day, kind) for day, kind, _, condition, _ in history.transitions if condition == PAYLOAD] == [(41, "cleared")]
+    belief = history.last.belief
+    assert not belief.contexts[-1].undeclared
+    assert belief.contexts[-1].slot == 0
+    assert np.all(np.abs(belief.wear) < 0.01)
+    back = forgotten(1, history, first=44, kg=0.5).last.belief
+    assert (back.contexts[-1].undeclared, back.contexts[-1].slot) == (True, 1)  # the level is known from before
+
+
+def test_a_payload_that_is_declared_at_last_keeps_what_was_learnt(with_level):
+    """The declared payload weighs what the arm did before: its level is the same, and nothing is learnt anew."""
+    history = forgotten(1, again(with_level), first=41, kg=0.5, declared_kg=0.5)
+    belief = history.last.belief
+    assert [(o.undeclared, o.context.payload_kg, o.slot) for o in belief.contexts] == [(False, 0.0, 0), (False, 0.5, 1)]
+    assert belief.undeclared_level is None
+    assert belief.mass_estimate is not None
+    assert belief.mass_estimate.replays == 27
+    [warning] = history.last.warnings
+    assert warning.text.endswith("its baseline is known from before")
+
+
+def test_a_declared_motion_that_was_never_learnt_begins_when_the_payload_is_taken_off(with_level):
+    """Files from elsewhere: another motion comes with the payload still on. Without it, that motion has no level yet, in whatever slot."""
+    belief, limits = with_level.last.belief, HealthSettings()
+    fit, at = rigid_fit(carrying(Arm(seed=3).replay(30.0), 0.5)), with_level.last.recorded_at_unix_s
+    there = replace(belief.context, trajectory_digest="motion-1")
+    change, found = _enter_level(_enter_context(belief, there, at, fit, limits), fit, at, limits)
+    assert (found.own_level, change.opened) == (True, True)
+    assert sorted(o.slot for o in change.belief.contexts if o.slot is not None) == [0, 1, 2]  # two motions with it, one without
+    bare = rigid_fit(carrying(Arm(seed=4).replay(30.0), 0.0))
+    change, found = _enter_level(_enter_context(change.belief, there, at, bare, limits), bare, at, limits)
+    assert (found.condition, change.opened) == (None, True)
+
+
+def test_two_payloads_in_turn_have_a_level_each():
+    """A replay belongs to the level that it weighs most like; a third mass contradicts both, and does not end the second level."""
+    rng, weights, limits = np.random.default_rng(8), Weights(), {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
+    levels = []
+    for replay in range(60):
+        kg = 0.4 * (replay >= 10 and replay % 2)
+        weights, found = weigh(weights, weighed(rng, kg), 86_400.0 * replay, **limits)
+        levels.append((bool(kg), found.condition, found.own_level))
+    assert set(levels[:10]) == {(False, None, False)}
+    assert set(levels[10:48]) == {(False, None, False), (True, PAYLOAD, False)}
+    assert set(levels[50:]) == {(False, None, False), (True, PAYLOAD, True)}
+    other, found = weigh(weights, weighed(rng, 1.5), 0.0, **limits)
+    assert found.withheld
+    assert other.level == weights.level
+
+
+def correlated(rng: np.random.Generator, change: float = 0.0) -> RigidFit:
+    """Weights of which each replay knows a combination twenty times as well as any of them; `change` of it, in its deviations."""
+    R = len(STD)
+    combination = np.linalg.qr(np.random.default_rng(0).normal(size=(R, 8)))[0]
+    within = np.eye(R) - (1.0 - 0.05**2) * combination @ combination.T
+    values = np.linspace(1.0, 3.0, R) + np.linalg.cholesky(within) @ rng.normal(size=R) + change * 0.05 * combination.sum(axis=1)
+    return weighed(rng)._replace(values=values, covariance=within)
+
+
+@pytest.mark.parametrize(("change", "expected"), [(0.0, {None}), (14.0, {GAINS})])
+def test_weights_that_are_known_together_only_show_another_gain(change, expected):
+    """Eight combinations that moved by 14 σ each, no weight far beyond its own scatter: a gain. None where nothing moved."""
+    rng, estimate, limits = np.random.default_rng(3), None, {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
+    for _ in range(12):
+        fit = correlated(rng)
+        assert compare_weights(fit, estimate, **limits).condition is None
+        estimate = update_mass_estimate(estimate, fit)
+    fits = [correlated(rng, change) for _ in range(20)]
+    assert np.max(np.abs(fits[0].values - estimate.mean)) < 4.0
+    assert {compare_weights(fit, estimate, **limits).condition for fit in fits} == expected
+
+
+def test_weights_of_older_releases_go_on_without_their_covariance():
+    """A stored estimate without it is read, contradicts nothing, and has a covariance from the next replay on."""
+    rng = np.random.default_rng(4)
+    stored = {key: value for key, value in plain(update_mass_estimate(None, weighed(rng))).items() if key not in ("covariance", "scatter")}
+    estimate = mass_estimate_from_document({**stored, "replays": 30})
+    limits = {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
+    assert compare_weights(weighed(rng), estimate, **limits).condition is None
+    assert update_mass_estimate(estimate, weighed(rng)).covariance.shape == (len(STD), len(STD))
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(600)
+def test_the_full_physics_tell_another_gain_from_wear():
+    """+10 % on the current of base, shoulder or elbow is told in every replay; wear of 30 % in any joint, and quiet replays, never."""
+    excitation = excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")))
+    controller, rng = Controller(SimulateSettings(robot="ur5", seed=5)), np.random.default_rng(5)
+    limits = {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
+
+    def replayed(scale: np.ndarray | float = 1.0) -> RigidFit:
+        controller.pass_time(20.0, rng.uniform(8.0, 30.0), rng.uniform(0.0, 0.5))
+        recording = stepped_replay(controller, excitation)
+        return rigid_fit(identify([replace(recording, current=recording.current * scale)], UR5, Mounting(), residual_friction=True))
+
+    estimate = None
+    for _ in range(12):
+        fit = replayed()
+        assert compare_weights(fit, estimate, **limits).condition is None
+        estimate = update_mass_estimate(estimate, fit)
+    for joint in range(3):
+        scale = np.where(np.arange(6) == joint, 1.1, 1.0)
+        assert compare_weights(replayed(scale), estimate, **limits).condition == GAINS
+    for joint in range(6):
+        controller.arm.set_wear(joint, coulomb=1.3, viscous=1.3)
+        assert compare_weights(replayed(), estimate, **limits).condition is None
+        controller.arm.set_wear(joint, coulomb=1.0, viscous=1.0)

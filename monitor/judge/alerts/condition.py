@@ -92,6 +92,7 @@ class ConditionStatus(NamedTuple):
     probabilities: Array  # (3,) that the change exceeds the rise of each tier
     text: Callable[[], str]  # made only for an alert that is raised, updated or cleared
     attribution: Attribution | None = None
+    restated: bool = False  # whether an active alert says from now on what it did not say before
 
 
 Situation = TypeVar("Situation", ArmSituation, JointSituation)

@@ -1,6 +1,7 @@
 """The alert conditions. A further condition is one more record in `CONDITIONS`: its rules, state, texts and advice stand in it."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -180,7 +181,7 @@ def _unreliable(situation: JointSituation) -> bool | None:
     side are a step that is not sure yet.
     """
     belief, j = situation.belief, situation.j
-    if situation.arm.undeclared.condition is not None:
+    if situation.arm.undeclared.withheld:
         return None
     in_a_row = 2 <= abs(belief.filter_state.gate_run[j]) <= UNSURE_REPLAYS
     outlier = belief.event[j] == OUTLIER and not in_a_row
@@ -208,7 +209,14 @@ def _undeclared(name: str) -> Rule[ArmSituation]:
         found = situation.undeclared.condition
         return found == name if found in (None, name) else None
 
-    return repeated(shows, lambda situation, _: situation.undeclared.text, two_replays)
+    two = repeated(shows, lambda situation, _: situation.undeclared.text, two_replays)
+
+    def status(situation: ArmSituation, confirmations: Confirmations) -> ConditionStatus | None:
+        """An alert that is raised already says it when wear is judged again."""
+        of_two = two.status(situation, confirmations)
+        return None if of_two is None else of_two._replace(restated=situation.undeclared.begins)
+
+    return replace(two, status=status)
 
 
 # --- the records --------------------------------------------------------------------------------------------
@@ -287,7 +295,7 @@ CONDITIONS: dict[str, AlertCondition] = {
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
                     "Was a drive replaced or recalibrated? Then declare it (another tool, serial or gains); nothing is learnt of wear "
-                    "until then.",
+                    "until then, or until 20 replays agree.",
                     "the torque per ampere of a joint changed, undeclared",
                 )
             },
@@ -309,7 +317,8 @@ CONDITIONS: dict[str, AlertCondition] = {
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
-                    "Compare [robot] payload_kg with what the arm carries in the replay; nothing is learnt of wear until they agree.",
+                    "Compare [robot] payload_kg with what the arm carries in the replay; nothing is learnt of wear until they agree, "
+                    "or until 20 replays have weighed the same.",
                     "the arm carries another mass than before, undeclared",
                 )
             },

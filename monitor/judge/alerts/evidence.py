@@ -23,6 +23,7 @@ COLUMNS = FALLING + 1
 # Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured where no change was found. One that was found by
 # chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, at which such an alert ends.
 CROSSINGS_PER_YEAR = 0.75
+WORK_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
 
@@ -215,6 +216,16 @@ def _count(
     more, gone = agree & usable, ~agree & usable
     new_days = np.where(gone, 0.0, days + (more & (last != day)) * weight[1])
     return np.where(gone, 0.0, replays + more * weight[0]), new_days, np.where(gone, -1.0, np.where(more, day, last))
+
+
+def raised_by_work(evidence: Evidence) -> Array:
+    """(N,) the tiers to which the arm's ordinary work alone may raise an alert; −1: none.
+
+    It raises an advisory at most, and that only where it is surer than a replay needs to be: what changes the work changes friction too.
+    Whatever the evidence would raise beyond that, one replay shall confirm.
+    """
+    advisory: Array = np.where(evidence.sigmas >= WORK_SIGMAS, np.minimum(evidence.raises, 0), -1)
+    return advisory
 
 
 def not_of_one_joint(wear: Array, shared: Array, known: np.ndarray, joints_per_arm: int, share: float) -> Array:

@@ -40,7 +40,7 @@ def next_transition(
         highest = tier
     else:
         highest = min(highest, now) if acknowledged else now  # latched: the tier falls only after somebody has acknowledged it
-    if highest == now and abs(status.change - alert.change) < settings.update_step:
+    if highest == now and abs(status.change - alert.change) < settings.update_step and not status.restated:
         return None
     published = _published(condition, highest, status, at_unix_s)
     published["text"] += _work_so_far(alert)

@@ -5,19 +5,22 @@ one arm are evaluated in their order and carried through the life of their alert
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
+
+import numpy as np
 
 from monitor.judge.alerts.attribution import attribute_changes
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
-from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, wear_after_replay, weigh_evidence
-from monitor.judge.alerts.health import NO_CONFIRMATIONS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
+from monitor.judge.alerts.conditions import CONDITIONS, RISES
+from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, raised_by_work, wear_after_replay, weigh_evidence
+from monitor.judge.alerts.health import NO_CONFIRMATIONS, TIERS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import next_transition
 from monitor.judge.alerts.serviced import OF_FRICTION, begin, settle, without_confirmations
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.judge.alerts.states import arm_state, joint_state
+from monitor.judge.alerts.states import arm_of, arm_state, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
@@ -95,6 +98,83 @@ def judge(
     return Judgement(after, tuple(transitions))
 
 
+class WorkJudgement(NamedTuple):
+    """Health after a period of the arm's ordinary work, the changes of alerts that led to it, and what a replay shall confirm."""
+
+    health: Health
+    transitions: tuple[Transition, ...]
+    asks: tuple[int, ...]  # joints (from 1) whose friction seems to have risen to a graver tier than work alone may raise
+
+
+def judge_work(
+    health: Health, belief: Belief, usable: np.ndarray, learnt: np.ndarray, settings: HealthSettings, *, drift: DriftSettings
+) -> WorkJudgement:
+    """Health after a period of ordinary work, the belief's last observation.
+
+    Work says something of the friction of single joints. What most joints do together, and what is wrong with data or declarations, are
+    for the replays to say. usable : (J,) joints whose work counts for or against a change; learnt : (J,) that were learned from.
+    """
+    at = belief.at_unix_s
+    evidence = weigh_evidence(wear_after_replay(belief, usable & ~belief.worked), counts_of(health), belief.joints, settings)
+    wanted, evidence = evidence.raises, evidence._replace(raises=raised_by_work(evidence), falls=np.zeros_like(evidence.falls))
+    arm = ArmSituation(
+        belief=belief,
+        evidence=evidence,
+        undeclared=NO_UNDECLARED_CHANGE,
+        common=health.common,
+        alerts={alert.key: alert for alert in health.alerts},
+        settings=settings,
+    )
+    situations = [_after_work(arm, joint, bool(learnt[joint.joint - 1])) for joint in health.joints]
+    known, transitions = dict(arm.alerts), []
+    for situation in situations:
+        joint = situation.health.joint
+        if not learnt[joint - 1] or belief.worked[joint - 1]:
+            continue
+        for name in RISES:
+            condition = CONDITIONS[name]
+            assert condition.joint is not None
+            status = condition.joint.status(situation, NO_CONFIRMATIONS)
+            if status is not None:
+                told = status._replace(text=partial(_unconfirmed, status.text))
+                transition = next_transition(known.get((joint, name)), joint, condition, told, at, settings)
+                if transition:
+                    known[joint, name] = transition.alert
+                    transitions.append(transition)
+    alerts = tuple(known.values())
+    wear, unseen = belief.wear_with_undetected(drift), belief.unseen_step(drift)
+    joints = tuple(
+        joint_state(situation, *wear, unseen, alerts, of_replay=False) if learnt[situation.j] else situation.health
+        for situation in situations
+    )
+    state, why = arm_of(joints, alerts)
+    since = health.since_unix_s if state == health.state else at
+    after = replace(health, state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts)
+    tiers = {alert.joint: TIERS.index(alert.tier) for alert in alerts if alert.active and alert.condition in RISES}
+    asks = tuple(j + 1 for j in range(belief.joints) if learnt[j] and wanted[j] > tiers.get(j + 1, -1))
+    return WorkJudgement(after, tuple(transitions), asks)
+
+
+UNCONFIRMED = "Ordinary work shows this; no replay has confirmed it yet."
+
+
+def _unconfirmed(text: Callable[[], str]) -> str:
+    return f"{text()} {UNCONFIRMED}"
+
+
+def _after_work(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
+    """One joint after a period of work, with the confirmations that it adds."""
+    j, counts = joint.joint - 1, arm.evidence.counts
+    friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
+    counted = replace(
+        joint,
+        rising=tuple(friction[:FALLING]),
+        falling=friction[FALLING],
+        learnt_at_unix_s=arm.belief.at_unix_s if learnt else joint.learnt_at_unix_s,
+    )
+    return JointSituation(arm=arm, j=j, health=counted, attribution=None)
+
+
 def _next(
     alert: Alert | None,
     joint: int | None,
@@ -121,7 +201,7 @@ def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclar
 
     It counts for the joints that it updated inside the learned range, where no work on them waits to be judged.
     """
-    usable = belief.learnt_from & (belief.inside_range > 0) & (undeclared.condition is None) & ~belief.worked
+    usable = belief.learnt_from & (belief.inside_range > 0) & (not undeclared.withheld) & ~belief.worked
     return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)
 
 

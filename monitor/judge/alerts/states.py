@@ -17,10 +17,13 @@ from monitor.recording import Array
 Reason = tuple[State, str]
 
 
-def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen: UnseenStep, alerts: tuple[Alert, ...]) -> JointHealth:
+def joint_state(
+    situation: JointSituation, wear: Array, wear_std: Array, unseen: UnseenStep, alerts: tuple[Alert, ...], *, of_replay: bool = True
+) -> JointHealth:
     """The joint's health with its state after a replay.
 
     wear, wear_std, unseen : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
+    of_replay : whether it follows a replay, and not ordinary work.
     """
     joint, belief = situation.health, situation.belief
     j = situation.j
@@ -30,7 +33,7 @@ def joint_state(situation: JointSituation, wear: Array, wear_std: Array, unseen:
     if math.isfinite(unseen.days[j]):
         normal += f"; {unseen_step_text(math.expm1(unseen.log_rise[j]), unseen.days[j])}"
     waiting = [one.text for one in belief.works if one.waiting and one.joint == joint.joint]
-    state, why = joint_of(joint.joint, waiting[-1] if waiting else normal, alerts, _of_replay(situation))
+    state, why = joint_of(joint.joint, waiting[-1] if waiting else normal, alerts, _of_replay(situation) if of_replay else ())
     return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else belief.at_unix_s)
 
 
@@ -77,7 +80,7 @@ def _of_replay(situation: JointSituation) -> list[Reason]:
     """What one replay says before any alert is raised."""
     belief, j, undeclared = situation.belief, situation.j, situation.arm.undeclared
     reasons: list[Reason] = []
-    if undeclared.condition is not None:
+    if undeclared.withheld:
         reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {undeclared.text}"))
     elif belief.event[j] == UNRESOLVED:
         reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))

@@ -22,6 +22,7 @@ class OpenedContext(NamedTuple):
     opened_at_unix_s: float
     replays: int
     slot: int | None = 0  # None: another context has taken its slot; if it comes again, its baseline is learned again
+    undeclared: bool = False  # whether it is what the replays weigh, and not what is declared; see `undeclared_level`
 
 
 class Entered(NamedTuple):
@@ -66,10 +67,15 @@ def differences(before: Context, after: Context) -> list[str]:
     return [f"{key} {old!r} → {new!r}" for key, old, new in pairs if not _same(key, old, new)]
 
 
-def enter(contexts: tuple[OpenedContext, ...], context: Context, at_unix_s: float) -> Entered:
-    """The ledger with another context in force. A context that still has a slot keeps it; a new one takes a free slot or the oldest."""
-    ledger = list(contexts)
-    known = next((o for o in ledger if o.slot is not None and not differences(o.context, context)), None)
+def enter(
+    contexts: tuple[OpenedContext, ...], context: Context, at_unix_s: float, *, undeclared: bool = False, begins: bool = False
+) -> Entered:
+    """The ledger with another context in force. A context that still has a slot keeps it; a new one takes a free slot or the oldest.
+
+    undeclared : whether it is the level beside that of the declared context; begins : whether that is another one than before.
+    """
+    ledger = [o for o in contexts if not (begins and _is(o, context, undeclared))]
+    known = next((o for o in ledger if o.slot is not None and _is(o, context, undeclared)), None)
     if known is not None:
         ledger.remove(known)
         ledger.append(known)
@@ -77,8 +83,26 @@ def enter(contexts: tuple[OpenedContext, ...], context: Context, at_unix_s: floa
         taken = [o.slot for o in ledger if o.slot is not None]  # the context that was left the longest ago comes first
         slot = next((free for free in range(SLOTS) if free not in taken), taken[0])
         ledger = [o._replace(slot=None) if o.slot == slot else o for o in ledger]
-        ledger.append(OpenedContext(comparable(context), at_unix_s, 0, slot))
+        ledger.append(OpenedContext(comparable(context), at_unix_s, 0, slot, undeclared))
     return Entered(tuple(ledger[-CONTEXTS_KEPT:]), known is None)
+
+
+def declare_level(contexts: tuple[OpenedContext, ...], context: Context) -> tuple[OpenedContext, ...]:
+    """The ledger where the undeclared level in force is that of a context that is declared now: what was learnt in it holds."""
+    return (*contexts[:-1], contexts[-1]._replace(context=comparable(context), undeclared=False))
+
+
+def may_be_level(contexts: tuple[OpenedContext, ...], context: Context) -> bool:
+    """Whether a context may declare the undeclared level in force: it has another payload or tool, and no level of its own."""
+    now = contexts[-1]
+    as_now = replace(context, payload_kg=now.context.payload_kg, tool=now.context.tool)
+    known = any(o.slot is not None and _is(o, context, False) for o in contexts)
+    return now.undeclared and not known and not differences(now.context, as_now)
+
+
+def _is(opened: OpenedContext, context: Context, undeclared: bool) -> bool:
+    """Whether an entry of the ledger is that context, declared or not."""
+    return opened.undeclared == undeclared and not differences(opened.context, context)
 
 
 def _same(key: str, a: object, b: object) -> bool:

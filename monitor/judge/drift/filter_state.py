@@ -25,12 +25,15 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
+from monitor.judge.drift.two_sources import TwoSources
 from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_work, settle_slot
 from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
 LEVELS = 6  # index of the first level
-STATES = LEVELS + SLOTS  # S
+STATES = LEVELS + SLOTS  # S of an arm whose ordinary work never was observed; with work two more, see `two_sources`
+WORK_LEVEL, WORK_NOISE = STATES, STATES + 1  # a_w [log], m [log] of ordinary work, where it was observed
+WORK_LEVEL_WALK_PER_SQRT_DAY = 1e-3  # [log] random walk of a_w: 2 % in a year, as the work changes little by little
 WINDOW = 48  # W, number of replays at which a sudden change may have begun: the latest ones, and fewer of the older ones …
 OLDEST = 200  # … up to so many replays ago
 KINDS = 2  # of sudden changes: a step of wear, a new wear rate
@@ -86,6 +89,7 @@ class FilterState:
     counted_from: Reference  # from which level wear counts
     history: Array  # (N, B, K) the course of friction so far, see `wear_history`
     channels: ChannelState | None = None  # beside y; None before the first replay, and in beliefs of releases without them
+    sources: TwoSources | None = None  # None: replays alone were observed so far
 
     @property
     def joints(self) -> int:
@@ -130,11 +134,13 @@ class FilterState:
         rho = np.clip(shown, 0.0, most)
         return np.repeat(rho, J)
 
-    def noise_var(self, joints_per_arm: int, settings: DriftSettings) -> Array:
-        """(N,) variance of the noise between replays at present: σ² = γ₁/(1 − ρ), larger after few replays."""
+    def noise_var(self, joints_per_arm: int, settings: DriftSettings, rho: Array | None = None) -> Array:
+        """(N,) variance of the noise between replays at present: σ² = γ₁/(1 − ρ), larger after few replays. rho : ρ, where it is known."""
+        if rho is None:
+            rho = self.autocorrelation(joints_per_arm, settings)
         usual = alike(self.step_var, self.noise_weight, joints_per_arm)
         cautious = 1.0 + settings.caution / np.sqrt(self.noise_weight)
-        var: Array = usual * present(self.activity, joints_per_arm) * cautious / (1.0 - self.autocorrelation(joints_per_arm, settings))
+        var: Array = usual * present(self.activity, joints_per_arm) * cautious / (1.0 - rho)
         return var
 
     def level(self, slot: Array) -> Array:
@@ -144,7 +150,7 @@ class FilterState:
 
     def row(self, t: Array, warming: Array, slot: Array, *, noise: float = 1.0) -> Array:
         """(N, S) H of a replay at t = T − origin [K], a warming rate [K/min] and a slot, (N,) each; `noise` is the entry of n."""
-        H = np.zeros((self.joints, STATES))
+        H = np.zeros((self.joints, self.mean.shape[1]))
         H[:, WEAR], H[:, NOISE] = 1.0, noise
         H[:, SLOPE], H[:, CURVE], H[:, LAG] = -t, t * t, saturating(warming)
         H[np.arange(self.joints), LEVELS + slot] = 1.0
@@ -260,16 +266,31 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     N = state.joints
     use = days if use is None else use
     rho = state.autocorrelation(joints_per_arm, settings)
-    decay = rho ** np.minimum(days / state.interval_days, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
-    F = np.tile(np.eye(STATES), (N, 1, 1))
+    interval = state.interval_days if state.sources is None else state.sources.interval_days
+    decay = rho ** np.minimum(days / interval, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
+    S = state.mean.shape[1]
+    F = np.tile(np.eye(S), (N, 1, 1))
     F[:, WEAR, RATE] = use
     F[:, NOISE, NOISE] = decay
     q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * state.mean[:, RATE]) ** 2  # (N,)
-    Q = np.zeros((N, STATES, STATES))  # exact integral of the rate's random walk, so that 30 days equal 30 times one day
+    Q = np.zeros((N, S, S))  # exact integral of the rate's random walk, so that 30 days equal 30 times one day
     Q[:, WEAR, WEAR] = settings.wear_walk_per_sqrt_day**2 * days + q * use**3 / 3.0
     Q[:, WEAR, RATE] = Q[:, RATE, WEAR] = q * use**2 / 2.0
     Q[:, RATE, RATE] = q * use
-    Q[:, NOISE, NOISE] = state.noise_var(joints_per_arm, settings) * (1.0 - decay**2)
+    Q[:, NOISE, NOISE] = state.noise_var(joints_per_arm, settings, rho) * (1.0 - decay**2)
+    sources, other_decay = state.sources, np.ones(N)
+    if sources is not None:
+        other = other_source(state, sources)
+        other_decay = other.autocorrelation(joints_per_arm, settings) ** np.minimum(days / sources.other_interval_days, 1e3)
+        F[:, WORK_NOISE, WORK_NOISE] = other_decay
+        Q[:, WORK_NOISE, WORK_NOISE] = other.noise_var(joints_per_arm, settings) * (1.0 - other_decay**2)
+        Q[:, WORK_LEVEL, WORK_LEVEL] = WORK_LEVEL_WALK_PER_SQRT_DAY**2 * days
+        sources = replace(
+            sources,
+            since_days=sources.since_days + days,
+            other_since_days=sources.other_since_days + days,
+            unconfirmed=sources.unconfirmed + sources.unconfirmed_rate * use,
+        )
     # friction increases along a straight line: predict e^w − 1, and return to w, with the derivative of each map in the covariance
     grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
     mean, cov = state.mean.copy(), state.cov.copy()
@@ -284,7 +305,20 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     responses = state.responses.copy()
     responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
     responses[..., NOISE] *= decay[:, None, None]
-    return replace(state, mean=mean, cov=cov, responses=responses, history=age_history(state.history, use, days))
+    if sources is not None:
+        responses[..., WORK_NOISE] *= other_decay[:, None, None]
+    return replace(state, mean=mean, cov=cov, responses=responses, history=age_history(state.history, use, days), sources=sources)
+
+
+def other_source(state: FilterState, sources: TwoSources) -> FilterState:
+    """The state as far as `noise_var` and `autocorrelation` of the other source need it: replays are in force."""
+    return replace(
+        state,
+        step_var=sources.other_step_var,
+        product=sources.other_product,
+        noise_weight=sources.other_noise_weight,
+        activity=sources.other_activity,
+    )
 
 
 def rescale_rate(state: FilterState, factor: Array) -> FilterState:
@@ -303,7 +337,8 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
     Wear that coincides with the change cannot be observed. Another load changes the share of viscous friction, and with it the slope.
     """
     cov, mean, responses = state.cov.copy(), state.mean.copy(), state.responses.copy()
-    history = settle_slot(state.history, slot, state.level(slot), opened)
+    of_replays = opened & (slot < SLOTS)
+    history = settle_slot(state.history, np.minimum(slot, SLOTS - 1), state.level(slot), of_replays)
     n = np.flatnonzero(opened)
     at = LEVELS + slot[n]
     cov[n, at, :] = 0.0
@@ -325,7 +360,7 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     pair = np.array([WEAR, RATE])
     mean[np.ix_(new, pair)] = 0.0
     cov[np.ix_(new, pair)] = 0.0
-    cov[np.ix_(new, np.arange(STATES), pair)] = 0.0
+    cov[np.ix_(new, np.arange(cov.shape[1]), pair)] = 0.0
     cov[new, RATE, RATE] = settings.rate_std_per_day**2
     cleared: dict[str, Any] = {name: np.where(_of(new, getattr(state, name)), 0.0, getattr(state, name)) for name in _HISTORY}
     fresh = forget(state.counted_from, new)

@@ -8,9 +8,11 @@ from annotated_types import Interval
 
 from monitor.errors import BadConfiguration
 from monitor.judge.bounds import check_bounds
+from monitor.judge.drift.prior import FleetPrior
 
 _LEARNT = "the monitor learns it from the arm; the value stands in until it has"
 _WITHOUT_EFFECT = "it has no effect any more: how alike the joints are is learnt from them"
+_OF_SENSORS = "the resolution of the arm's sensors decides it"
 _THRESHOLD = "[health] false_alarms_per_year says how rare false alerts must be"
 
 
@@ -54,8 +56,11 @@ class DriftSettings:
     unknown_temperature_c: Annotated[float, Interval(ge=-20.0, le=80.0)] = 25.0  # stands in for an unknown temperature …
     unknown_temperature_std_k: Annotated[float, Interval(ge=1e-6, le=50.0)] = 6.0  # … with this standard deviation
 
+    prior: FleetPrior | None = None  # of a fleet of this model, from the file that the key names; None: that of the robot family
+
     # keys that older files may have: they are read, with a notice that says why they are not documented any more
     retired: ClassVar[Mapping[str, str]] = {
+        "between_floor": _OF_SENSORS,
         "between_replays": _LEARNT,
         "alike_replays": _WITHOUT_EFFECT,
         "caution": _LEARNT,

@@ -24,8 +24,21 @@ from monitor.judge.drift.filter_state import (
     unknown_joint,
     update_interval,
 )
+from monitor.judge.drift.from_fleet import begin_from_fleet, let_go, temperature_from_fleet
+from monitor.judge.drift.from_work import (
+    arbitrate,
+    begin_work,
+    confirmed,
+    inside_work,
+    observed,
+    remember_unconfirmed,
+    reopen_work,
+    swapped,
+    widen_range,
+)
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.update.filter_update import update_filter
 from monitor.judge.drift.update.lowest_level import count_from_lowest
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
@@ -69,6 +82,7 @@ class Replay:
     worked: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
     undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
     revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
+    from_work: bool = False  # it is no replay, but an observation from the arms' ordinary work; `opened`: work in another context
 
 
 class StepResult(NamedTuple):
@@ -95,13 +109,15 @@ class JointReplay(NamedTuple):
 
 
 def initial_state(observation: Observation, joints_per_arm: int, drift: DriftSettings, temperature: TemperatureSettings) -> DriftState:
-    """The state before the first replay: no wear, unknown levels, the temperature slopes of the robot family.
+    """The state before the first replay: no wear, unknown levels, the temperature slopes of the robot family, or of the fleet's prior.
 
-    Only T0 and the size of the slopes are taken from the observation (N,); `step` then learns from it as from any other.
+    Only T0 and the size of the family's slopes are taken from the observation (N,); `step` then learns from it as from any other.
     """
     fall, fall_std = temperature.viscous_fall_per_k, temperature.viscous_fall_std_per_k
     coulomb_std = temperature.coulomb_fall_std_per_k
     state = initial_filter(observation, drift, fall_per_k=fall, fall_std_per_k=fall_std, coulomb_std_per_k=coulomb_std)
+    if drift.prior is not None:
+        state = begin_from_fleet(state, drift.prior)
     state = replace(state, noise_weight=state.noise_weight / joints_per_arm)  # the prior is one of the arm: each joint has its part
     T0, N, scatter = state.origin_c, state.joints, temperature.scatter
     unknown = np.full(N, np.nan)
@@ -162,18 +178,52 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
     True
     """
     joint = per_joint(state, replay)
+    if replay.from_work:
+        return learn_from_work(state, joint, drift, temperature)
     state, stuck, suspect = check_sensors(state, joint)
     observation = withhold(joint, suspect)
     state = enter_context(state, joint, drift, temperature)
     state = age(state, joint.days, joint.revolutions, drift)
     inside = inside_range(state.viscous.range_c, observation.temperature_c, temperature.margin_k)  # the range before this replay
     state = remember_baseline(state, observation, drift)
-    updated = update_filter(state.filter_state, observation, state.slot, state.joints_per_arm, drift)
+    updated = update_by_replay(state, joint, observation, drift)
+    if drift.prior is not None:
+        updated = let_go(updated, drift.prior, _family_std_per_k(temperature))
     state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.worked))
     state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))
     state = settle_reference(state, observation.temperature_c, drift)
     return StepResult(learn_laws(state, observation), observation, inside, stuck)
+
+
+def learn_from_work(state: DriftState, joint: JointReplay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
+    """The state after an observation from ordinary work.
+
+    It says nothing of the channels beside F(v*), of the temperature laws of fc and fv, of T0, and of sensors: those are the replays'.
+    """
+    suspect = np.zeros(state.joints, dtype=bool) if state.sensors is None else suspect_sensors(state.sensors)
+    seen = withhold(joint, suspect)
+    began = begin_work(state.filter_state, state.joints_per_arm, drift)
+    state = replace(state, filter_state=reopen_work(began, joint.opened))
+    state = age(state, joint.days, np.full(state.joints, np.nan), drift)
+    inside = inside_work(state.filter_state, seen.temperature_c, temperature.margin_k)
+    before = swapped(state.filter_state)
+    updated = update_filter(before, seen, np.full(state.joints, SLOTS), state.joints_per_arm, drift, replay_slot=state.slot)
+    resolved = np.isfinite(seen.log_torque)
+    learnt = resolved & updated.learnt_from
+    updated = widen_range(observed(updated, resolved, learnt), seen.temperature_c, learnt)
+    updated = remember_unconfirmed(before, updated, resolved)
+    counted = count_from_lowest(swapped(updated), joint.days, drift, joint.worked)
+    return StepResult(replace(state, filter_state=counted), seen, inside, np.zeros(state.joints, dtype=bool))
+
+
+def update_by_replay(state: DriftState, joint: JointReplay, observation: Observation, drift: DriftSettings) -> FilterState:
+    """The filter state updated by a replay, which confirms or contradicts what work alone has found since the last one."""
+    joints, J = state.filter_state, state.joints_per_arm
+    if joints.sources is None:
+        return update_filter(joints, observation, state.slot, J, drift)
+    updated = update_filter(arbitrate(joints, observation, state.slot, J, drift), observation, state.slot, J, drift)
+    return confirmed(observed(updated, joint.replayed, updated.learnt_from), joint.replayed & updated.learnt_from)
 
 
 def per_joint(state: DriftState, replay: Replay) -> JointReplay:
@@ -249,8 +299,9 @@ def new_joints(state: DriftState, new: np.ndarray, drift: DriftSettings, tempera
     about, and the range of temperatures, which is that of the place.
     """
     filter_state = replace_joints(state.filter_state, new, drift)
-    fall_std = np.hypot(temperature.viscous_fall_std_per_k, temperature.coulomb_fall_std_per_k)
-    filter_state = unknown_joint(filter_state, new, drift, slope_std=float(fall_std))
+    filter_state = unknown_joint(filter_state, new, drift, slope_std=_family_std_per_k(temperature))
+    if drift.prior is not None:
+        filter_state = temperature_from_fleet(filter_state, drift.prior, new)
     if filter_state.channels is not None:
         nothing = np.zeros(len(new), dtype=bool)
         filter_state = replace(filter_state, channels=restart(filter_state.channels, state.slot, nothing, new))
@@ -265,14 +316,22 @@ def new_joints(state: DriftState, new: np.ndarray, drift: DriftSettings, tempera
     )
 
 
+def _family_std_per_k(temperature: TemperatureSettings) -> float:
+    """Standard deviation of −∂log F/∂T [1/K] among all arms, whatever the share of viscous friction."""
+    return float(np.hypot(temperature.viscous_fall_std_per_k, temperature.coulomb_fall_std_per_k))
+
+
 def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings) -> DriftState:
     """The state `days` (N,) later, at a count of `revolutions` (N,), NaN where nobody counts: wear grows at its rate, uncertainty grows.
 
     A new usual amount of work per day rescales the wear rate, which is a rate per usual day; then the filter predicts over the work done.
     """
-    work = update_usage(state.usage, revolutions, days)
+    sources = state.filter_state.sources
+    counted_days = days if sources is None else sources.since_days + days  # revolutions are counted from replay to replay
+    work = update_usage(state.usage, revolutions, counted_days)
+    use = work.usual_days if sources is None else work.usual_days * days / np.maximum(counted_days, 1e-9)
     rescaled = rescale_rate(state.filter_state, work.factor)
-    predicted = predict_filter(rescaled, days, state.joints_per_arm, drift, work.usual_days)
+    predicted = predict_filter(rescaled, days, state.joints_per_arm, drift, use)
     return replace(state, usage=work.usage, filter_state=update_interval(predicted, days))
 
 

@@ -4,14 +4,17 @@ The rigid base parameters of every replay are compared with their mean over the 
 parameter, so a difference is not wear, and the filter learns nothing while it lasts.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.document import arrays, entry
+from monitor.judge.document import array, arrays, entry
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
 from monitor.recording import Array
@@ -22,6 +25,8 @@ PRIOR_REPLAYS = 5.0  # [replays] weight of the prior scatter
 PRIOR_STD = 2.0  # prior standard deviation from replay to replay, in standard deviations of the first fit
 MEMORY = 50.0  # [replays] over which mean and scatter are averaged
 EXPLAINED = 0.6  # share of the squared difference that a mass at the flange must explain to be called a payload
+PRIOR_SCATTER = 2.0  # of replays beyond the covariance within them, as variance: this before replays have shown it
+LEAST_EIGENVALUE = 1e-9  # of the correlation matrix of the weights: it may be singular to rounding
 MASS_PARAMETERS = 4  # m, mx, my, mz of the last link: what a mass at the flange changes
 
 
@@ -30,6 +35,14 @@ class UndeclaredChange(NamedTuple):
 
     condition: str | None  # MOUNTING, PAYLOAD or GAINS; None: nothing
     text: str
+    kg: float | None = None  # mass at the flange beyond that of the replays before; None where no mass explains it
+    own_level: bool = False  # whether the replay belongs to a level of friction of its own, see `undeclared_level`
+    begins: bool = False  # whether that level begins with this replay
+
+    @property
+    def withheld(self) -> bool:
+        """Whether the filter must not learn from the replay."""
+        return self.condition is not None and not self.own_level
 
 
 NO_UNDECLARED_CHANGE = UndeclaredChange(None, "")
@@ -43,6 +56,8 @@ class MassEstimate:
     mean: Array
     var: Array  # between replays
     replays: int
+    covariance: Array | None = None  # (R, R) mean of those within the replays; None in beliefs of releases without it
+    scatter: float = PRIOR_SCATTER  # mean χ² per degree of freedom of what neither a mass nor a common scale explains
 
 
 def rigid_of(identification: Identification) -> np.ndarray:
@@ -59,8 +74,13 @@ class RigidFit(NamedTuple):
     columns: Array  # of the regressor
     names: tuple[str, ...]
     values: Array
-    variance: Array  # within the replay
+    covariance: Array  # (R, R) within the replay
     of_mass: Array  # (R, 4) what m, mx, my, mz of the last link add to them
+
+    @property
+    def variance(self) -> Array:
+        """(R,) within the replay."""
+        return np.diagonal(self.covariance)
 
 
 def rigid_fit(identification: Identification) -> RigidFit:
@@ -71,33 +91,42 @@ def rigid_fit(identification: Identification) -> RigidFit:
         columns=np.array(identification.columns, dtype=float)[rigid],
         names=tuple(np.array(identification.names)[rigid].tolist()),
         values=identification.values[rigid],
-        variance=np.diag(identification.covariance)[rigid],
+        covariance=identification.covariance[np.ix_(rigid, rigid)],
         of_mass=identification.combination[rigid][:, last_link : last_link + MASS_PARAMETERS],
     )
 
 
-def find_undeclared_change(
-    identification: Identification, estimate: MassEstimate | None, *, sigma: float, mass_kg: float
-) -> UndeclaredChange:
-    """What of a replay contradicts its declared context.
+def another_gravity(identification: Identification) -> UndeclaredChange:
+    """What of a replay contradicts the declared mounting: identify compares it with gravity in the data."""
+    texts = [warning.text for warning in identification.warnings if warning.code == MOUNTING]
+    return UndeclaredChange(MOUNTING, texts[0]) if texts else NO_UNDECLARED_CHANGE
+
+
+def misfit(fit: RigidFit, estimate: MassEstimate | None) -> float:
+    """χ² of a replay's rigid parameters about those of the replays before; infinite where there are none."""
+    if estimate is None or not np.array_equal(estimate.columns, fit.columns):
+        return math.inf
+    normalised, _, _ = _normalised(fit, estimate)
+    return float(normalised @ normalised)
+
+
+def _normalised(fit: RigidFit, estimate: MassEstimate) -> tuple[Array, Array, np.ndarray]:
+    """How far a replay is from those before, in standard deviations; these; and of which parameters they are known, (R,)."""
+    var = fit.variance + estimate.var * (1.0 + 1.0 / estimate.replays)
+    known = np.isfinite(var) & (var > 0)
+    std = np.sqrt(var[known])
+    return (fit.values - estimate.mean)[known] / std, std, known
+
+
+def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: float, mass_kg: float) -> UndeclaredChange:
+    """What of a replay's rigid parameters contradicts those of the replays before.
 
     estimate : of the replays before in the same context; None before the first. sigma : how many standard deviations are a contradiction.
     mass_kg : smallest mass at the flange that is called a payload.
     """
-    for warning in identification.warnings:
-        if warning.code == MOUNTING:
-            return UndeclaredChange(MOUNTING, warning.text)
-    return compare_weights(rigid_fit(identification), estimate, sigma=sigma, mass_kg=mass_kg)
-
-
-def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: float, mass_kg: float) -> UndeclaredChange:
-    """What of a replay's rigid parameters contradicts those of the replays before; arguments as in `find_undeclared_change`."""
     if estimate is None or estimate.replays < MIN_REPLAYS or not np.array_equal(estimate.columns, fit.columns):
         return NO_UNDECLARED_CHANGE
-    var = fit.variance + estimate.var * (1.0 + 1.0 / estimate.replays)
-    known = np.isfinite(var) & (var > 0)
-    moved, std = (fit.values - estimate.mean)[known], np.sqrt(var[known])
-    normalised = moved / std
+    normalised, std, known = _normalised(fit, estimate)
     squares = float(normalised @ normalised)  # χ² of `degrees` if nothing changed
     degrees = len(normalised)
     X = fit.of_mass[known] / std[:, None]
@@ -107,27 +136,81 @@ def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: floa
     explained = 1.0 - squares_left / max(squares, 1e-300)
     if squares - squares_left > sigma**2 and explained >= EXPLAINED and abs(load[0]) >= mass_kg:
         return _payload(float(load[0]))
+    worst = str(np.array(fit.names)[known][int(np.argmax(np.abs(normalised)))])
     if explained < EXPLAINED and squares > degrees * sigma**2:
-        worst = int(np.argmax(np.abs(normalised)))
-        return _gains(np.sqrt(squares / degrees), str(np.array(fit.names)[known][worst]))
+        return _gains(np.sqrt(squares / degrees), worst)
+    together = unexplained(fit, estimate)
+    if together.chi2 > _chi2_limit(together.degrees, sigma):
+        return _gains(np.sqrt(together.chi2 / together.degrees), worst)
     return NO_UNDECLARED_CHANGE
+
+
+class Unexplained(NamedTuple):
+    """Weights that neither a mass at the flange nor a common scale explains."""
+
+    chi2: float  # with the scatter from replay to replay
+    degrees: int  # of freedom; 0 where nothing is known
+
+
+@cache
+def _chi2_limit(degrees: int, sigma: float) -> float:
+    """χ² that is as rare as `sigma` standard deviations of one normal variable; infinite without a degree of freedom."""
+    return float(scipy.special.chdtri(degrees, 2.0 * scipy.special.ndtr(-sigma))) if degrees else math.inf
+
+
+def unexplained(fit: RigidFit, estimate: MassEstimate) -> Unexplained:
+    """What of a replay's weights another gain of one joint makes, by the covariance of all weights together.
+
+    The gain of one joint turns weights that a replay knows well only in combinations, so it hardly shows in any single weight. A common
+    scale is left out, because the magnets of all motors weaken as they warm, and so is a mass, which has a verdict of its own. The
+    covariance is the mean over replays: that of a single one is too uncertain. A replay that fits worse than usual, as with friction at one
+    place of a joint, is believed as much less.
+    """
+    if estimate.covariance is None:
+        return Unexplained(0.0, 0)
+    known = np.isfinite(np.diagonal(fit.covariance)) & (np.diagonal(estimate.covariance) > 0)
+    within = estimate.covariance[np.ix_(known, known)]
+    std = np.sqrt(np.diagonal(within))
+    degrees = len(std) - 1 - MASS_PARAMETERS
+    if degrees < 1 or not np.isfinite(within).all():
+        return Unexplained(0.0, 0)
+    root = np.linalg.cholesky(within / np.outer(std, std) + LEAST_EIGENVALUE * np.eye(len(std)))
+
+    def whitened(X: Array) -> Array:
+        result: Array = scipy.linalg.solve_triangular(root, X / std[:, None], lower=True, check_finite=False)
+        return result
+
+    own = np.diagonal(whitened(whitened(fit.covariance[np.ix_(known, known)]).T))
+    noise = max(float(np.median(own)), 1.0) + 1.0 / min(estimate.replays, MEMORY)
+    white = whitened(np.column_stack([fit.values - estimate.mean, estimate.mean, fit.of_mass])[known])
+    moved, X = white[:, 0], white[:, 1:]
+    explained, *_ = np.linalg.lstsq(X, moved, rcond=1e-9)
+    left = moved - X @ explained
+    return Unexplained(float(left @ left) / noise / max(estimate.scatter, 1.0), degrees)
 
 
 def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit) -> MassEstimate:
     """The estimate after one more replay of the same context."""
     noise = np.nan_to_num(fit.variance)
     if estimate is None or not np.array_equal(estimate.columns, fit.columns):
-        return MassEstimate(columns=fit.columns, mean=fit.values, var=noise * PRIOR_STD**2, replays=1)
+        return MassEstimate(columns=fit.columns, mean=fit.values, var=noise * PRIOR_STD**2, replays=1, covariance=fit.covariance)
     n = min(estimate.replays + 1.0, MEMORY)
     moved = fit.values - estimate.mean
     var = estimate.var + (np.maximum(moved**2 * (n - 1.0) / n - noise, 0.0) - estimate.var) / (n + PRIOR_REPLAYS)
-    return MassEstimate(columns=fit.columns, mean=estimate.mean + moved / n, var=var, replays=estimate.replays + 1)
+    covariance, scatter = estimate.covariance, estimate.scatter
+    covariance = fit.covariance if covariance is None else covariance + (fit.covariance - covariance) / n
+    if estimate.replays >= MIN_REPLAYS:
+        together = unexplained(fit, replace(estimate, scatter=1.0))
+        if together.degrees:
+            scatter += (together.chi2 / together.degrees - scatter) / (n + PRIOR_REPLAYS)
+    return replace(estimate, mean=estimate.mean + moved / n, var=var, replays=estimate.replays + 1, covariance=covariance, scatter=scatter)
 
 
 def _payload(kg: float) -> UndeclaredChange:
     """A mass at the flange, negative where it was taken off."""
     more = "more" if kg > 0 else "less"
-    return UndeclaredChange(PAYLOAD, f"the arm carries about {abs(kg):.1f} kg {more} than in the replays before, and nobody declared it")
+    text = f"the arm carries about {abs(kg):.1f} kg {more} than in the replays before, and nobody declared it"
+    return UndeclaredChange(PAYLOAD, text, kg)
 
 
 def _gains(sigmas: float, parameter: str) -> UndeclaredChange:
@@ -146,4 +229,11 @@ def mass_estimate_from_document(document: Any) -> MassEstimate | None:
     parts = arrays(document, ("columns", "mean", "var"), (-1,), where="belief: weights")
     if len({len(part) for part in parts.values()}) > 1:
         raise BadInput("belief: weights: columns, mean and var differ in length; expected as many of each")
-    return MassEstimate(**parts, replays=int(entry(document, "replays", where="belief: weights")))
+    R = len(parts["mean"])
+    covariance = None if document.get("covariance") is None else array(document, "covariance", (R, R), where="belief: weights")
+    return MassEstimate(
+        **parts,
+        replays=int(entry(document, "replays", where="belief: weights")),
+        covariance=covariance,
+        scatter=float(document.get("scatter", PRIOR_SCATTER)),
+    )

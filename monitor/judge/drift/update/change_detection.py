@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, WEAR, WINDOW, FilterState, open_slot
+from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.size import counted_sigma
 from monitor.judge.drift.settings import DriftSettings
@@ -28,9 +28,11 @@ STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock th
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
-RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate
+RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
+USUAL_RATE_PER_DAY = 0.003  # [1/day] the same where a change is looked for, 110 % a year: what rises by 400 % a year needs more evidence
 EARLY_STEP = 0.15  # [log] so much is a change even among the first replays: neither noise nor running-in makes it in a week
 STEP_STD = 0.2  # [log] prior standard deviation of a step
+PRIOR_INFORMATION = np.array([STEP_STD, USUAL_RATE_PER_DAY])[:, None] ** -2  # (2, 1)
 RATES_PER_STEP = 3.0  # prior odds: joints begin to wear more often than they jump
 
 
@@ -171,7 +173,7 @@ def detect_change(
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - baseline)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
     expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
-    ratios, relative = likelihood_ratios(glr_score, expected, bank.ages, enough, settings)
+    ratios, relative = likelihood_ratios(glr_score, expected, bank.information_now, bank.ages, enough, settings)
     counts = innovation.resolved & ~innovation.settling
     found = ((np.max(relative, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gate.gated)
     of_baseline = found & ~np.any(ratios > 0, axis=(1, 2))
@@ -199,17 +201,24 @@ def detect_change(
     return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, since, common, taken.shared, taken.shared_var)
 
 
-def likelihood_ratios(glr_score: Array, expected: Array, ages: Array, enough: np.ndarray, settings: DriftSettings) -> tuple[Array, Array]:
+def likelihood_ratios(
+    glr_score: Array, expected: Array, information: Array, ages: Array, enough: np.ndarray, settings: DriftSettings
+) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
-    expected : (N, 2, W) mean square of the score where nothing changed. enough : (N, W) whether a start has enough replays before it and
-    since.
+    expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
+    start has enough replays before it and since.
+
+    The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
+    prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints
+    wear so.
 
     Innovations since n replays are a mean of n: chance carries it across z standard deviations n times less often, at the rate
     e^(−z²/2)/n (Rice, 1945). So that false detections are equally frequent at every age, the threshold falls with age.
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
-    return ratio, ratio / thresholds(ages, settings)
+    with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
+    return ratio, ratio / with_prior / thresholds(ages, settings)
 
 
 def thresholds(ages: Array, settings: DriftSettings) -> Array:
@@ -291,6 +300,8 @@ def to_levels(g: Array, common: np.ndarray) -> tuple[Array, Array]:
     wear = np.where(common[:, None], g[..., WEAR], 0.0)
     moved = g.copy()
     moved[..., LEVELS : LEVELS + SLOTS] += wear[..., None]
+    if g.shape[-1] > STATES:
+        moved[..., WORK_LEVEL] += wear
     moved[common, :, WEAR] = 0.0
     moved[common, :, RATE] = 0.0
     return moved, wear

@@ -4,7 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import NOISE, ORDINARY, OUTLIER, SETTLING, SLOPE, STEP, UNRESOLVED, FilterState
+from monitor.judge.drift.filter_state import (
+    LEVELS,
+    NOISE,
+    ORDINARY,
+    OUTLIER,
+    SETTLING,
+    SLOPE,
+    STATES,
+    STEP,
+    UNRESOLVED,
+    WORK_LEVEL,
+    FilterState,
+)
 from monitor.judge.drift.kalman import update
 from monitor.judge.drift.noise.chance import forget_chance, learn_chance
 from monitor.judge.drift.noise.size import follow
@@ -20,18 +32,29 @@ from monitor.recording import Array
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
 NOISE_KNOWN = 12  # [replays] before, size and correlation of the noise are too uncertain to tell what else chance does
 CONSISTENCY_REPLAYS = 20.0  # memory of the mean of normalised innovations squared
+LEVELS_KNOWN_VAR = 0.02**2  # [log²] of both levels: before, an observation from work says little of the course of friction
 CLIPPED = 3.0  # [σ] one replay changes the noise estimate by no more than a residual of this size
 
 
-def update_filter(state: FilterState, observation: Observation, slot: Array, joints_per_arm: int, settings: DriftSettings) -> FilterState:
+def update_filter(
+    state: FilterState,
+    observation: Observation,
+    slot: Array,
+    joints_per_arm: int,
+    settings: DriftSettings,
+    *,
+    replay_slot: Array | None = None,
+) -> FilterState:
     """The state after a replay, from the state predicted to its time.
 
-    slot : (N,) in which the level of the replay's context is kept. Joints without a resolved torque keep their mean and covariance.
+    slot : (N,) in which the level of the replay's context is kept; SLOTS of an observation from work, with that source in force, and then
+    replay_slot : (N,) of the replays' context. Joints without a resolved torque keep their mean and covariance.
     """
     innovation = innovate(state, observation, slot, joints_per_arm, settings)
     gate = gate_outliers(state, innovation, settings)
     bank = advance_bank(state, innovation, gate, joints_per_arm)
-    rho, var = state.autocorrelation(joints_per_arm, settings), state.noise_var(joints_per_arm, settings)
+    rho = state.autocorrelation(joints_per_arm, settings)
+    var = state.noise_var(joints_per_arm, settings, rho)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
@@ -49,7 +72,7 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
     return replace(
-        update_noise(state, innovation, event, joints_per_arm, settings),
+        update_noise(state, innovation, event, rho, var, joints_per_arm, settings),
         mean=np.where(learnt[:, None], new_mean, change.mean),
         cov=np.where(learnt[:, None, None], new_cov, change.cov),
         replays=state.replays + learnt,
@@ -66,10 +89,24 @@ def update_filter(state: FilterState, observation: Observation, slot: Array, joi
         glr_informations=after.information_now,
         agreeing=change.agreeing,
         stepped=state.stepped + change.stepped,
-        history=add_replay(history, innovation.row[:, SLOPE:], innovation.log_torque, learnt & innovation.sensed),
+        history=add_replay(history, *in_course(new_mean, new_cov, innovation, learnt & innovation.sensed, replay_slot)),
         counted_from=with_common_change(state.counted_from, change.shared, change.shared_var, slow),
         chance=forget_chance(chance, change.common).since_change(learnt, change.of_wear, change.since),
     )
+
+
+def in_course(
+    mean: Array, cov: Array, innovation: Innovation, learnt: np.ndarray, replay_slot: Array | None
+) -> tuple[Array, Array, np.ndarray]:
+    """Row, log torque and which joints (N,), as the course of friction keeps an observation: one from work as if a replay had seen it."""
+    row, y = innovation.row[:, SLOPE:STATES], innovation.log_torque
+    if replay_slot is None:
+        return row, y, learnt
+    n, at = np.arange(len(y)), LEVELS + replay_slot
+    row = row.copy()
+    row[n, at - SLOPE] = 1.0
+    known = np.maximum(cov[:, WORK_LEVEL, WORK_LEVEL], cov[n, at, at]) < LEVELS_KNOWN_VAR
+    return row, y - mean[:, WORK_LEVEL] + mean[n, at], learnt & known
 
 
 def classify(innovation: Innovation, gate: Gate, *, of_baseline: np.ndarray, of_wear: np.ndarray) -> Array:
@@ -84,8 +121,10 @@ def classify(innovation: Innovation, gate: Gate, *, of_baseline: np.ndarray, of_
     return event
 
 
-def update_noise(state: FilterState, innovation: Innovation, event: Array, joints_per_arm: int, settings: DriftSettings) -> FilterState:
-    """The state with the noise between replays as two successive replays show it.
+def update_noise(
+    state: FilterState, innovation: Innovation, event: Array, rho: Array, var: Array, joints_per_arm: int, settings: DriftSettings
+) -> FilterState:
+    """The state with the noise between replays as two successive replays show it. rho, var : (N,) its correlation and variance so far.
 
     Residuals r are taken against the predicted level, which was estimated from similar residuals and is uncertain itself. With its
     variance L and its covariance C with the noise, as the filter has them (`shared`), and with white innovations:
@@ -99,14 +138,12 @@ def update_noise(state: FilterState, innovation: Innovation, event: Array, joint
     where they are so frequent that the noise must be larger than assumed.
     """
     shared, within = innovation.shared, innovation.within_var
-    rho = state.autocorrelation(joints_per_arm, settings)
     now = innovation.value + state.mean[:, NOISE]  # residuals are compared against a prediction without noise
     often = state.outliers >= np.maximum(OFTEN * (state.replays + state.outliers), FEWEST)
     informative = ((event == ORDINARY) | ((event == OUTLIER) & often)) & innovation.sensed
     usable = informative & np.isfinite(state.residual)
     before = np.where(usable, state.residual, 0.0)
     n = np.where(usable, np.minimum(state.noise_weight + 1.0, settings.memory_replays), state.noise_weight)
-    var = state.noise_var(joints_per_arm, settings)
     limit = CLIPPED * np.sqrt(var + within)
     clipped, clipped_before = np.clip(now, -limit, limit), np.clip(before, -limit, limit)
     quiet = var * (1.0 - rho)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, FilterState
+from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, WORK_LEVEL, FilterState
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.chance import forget_chance
 from monitor.judge.drift.settings import DriftSettings
@@ -70,8 +70,11 @@ def begin_here(state: FilterState, which: np.ndarray, rate_std_per_day: float) -
     uncertainty would make the next rise uncertain. If friction falls on, that is detected again. So the change bank is empty.
     """
     n = np.flatnonzero(which)
-    M = np.tile(np.eye(STATES), (len(n), 1, 1))
+    S = state.mean.shape[1]
+    M = np.tile(np.eye(S), (len(n), 1, 1))
     M[:, LEVELS : LEVELS + SLOTS, WEAR] = 1.0
+    if S > STATES:
+        M[:, WORK_LEVEL, WEAR] = 1.0
     M[:, WEAR, WEAR] = M[:, RATE, RATE] = 0.0
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[n] = np.einsum("nab,nb->na", M, mean[n])

@@ -1,0 +1,219 @@
+"""Observations from an arm's ordinary work: a level and a noise of their own, alerts of their own rank, and a replay that arbitrates."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
+
+from monitor.errors import BadInput
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.belief import belief_from_document
+from monitor.judge.drift.from_work import begin_work, swapped
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.learn_work import WorkAssessment, assess_work
+from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.work_observation import WorkObservation, work_observation_from_document
+
+LEARNT = 40  # days of replays before the first work
+OFFSET = 0.12  # [log] of work beside the excitation
+OF_WORK = np.array([1, 1, 1, 0, 1, 1])  # joint 4 is never excited by this work
+
+
+def told(day: float, friction_nm, rng, *, known=OF_WORK, arm="replay 1") -> WorkObservation:
+    """What a day's work tells of friction (J,) at 30 °C."""
+    torque = friction_nm * np.exp(OFFSET + 0.012 * rng.normal(size=6))
+    return WorkObservation(
+        begin_unix_s=START_S + (day - 0.4) * DAY_S,
+        end_unix_s=START_S + day * DAY_S,
+        reference_speed_rad_s=0.4,
+        friction_nm=torque,
+        deviation_nm=0.05 * torque,
+        noise_nm=0.005 * torque,
+        temperature_c=30.0 + 0.5 * rng.normal(size=6),
+        share=np.where(known, 2.0, 0.02),
+        known=known.astype(float),
+        arm=arm,
+        reasons=("joint 4: 0.02 of what is needed",),
+        left_out_s=(("contact", 12.0),),
+    )
+
+
+def friction(history: History) -> np.ndarray:
+    """(J,) the synthetic arm's friction at the reference speed and about 30 °C, as its replays told it."""
+    return np.exp(history.last.belief.level())
+
+
+class Plant:
+    """An arm that was learnt by replays, and is observed at work from then on."""
+
+    def __init__(self) -> None:
+        self.history, self.rng = History(), np.random.default_rng(3)
+        for day in range(LEARNT):
+            self.replay(day)
+        self.friction = friction(self.history)
+
+    def replay(self, day: int, wear=None) -> None:
+        self.history.add(day, Arm(seed=day, noise=0.01).replay(30.0, np.zeros(6) if wear is None else wear), CONTEXT)
+
+    def work(self, day: float, wear=None, **different) -> WorkAssessment:
+        risen = self.friction * (1.0 + (np.zeros(6) if wear is None else wear))
+        return self.observe(told(day, risen, self.rng, **different))
+
+    def observe(self, observation: WorkObservation, context=CONTEXT) -> WorkAssessment:
+        history = self.history
+        found = assess_work(
+            observation, context, belief=history.last.belief, health=history.health, settings=DriftSettings(), laws=TemperatureSettings(),
+            limits=HealthSettings(),
+        )  # fmt: skip
+        belief = belief_from_document(json.loads(json.dumps(found.belief.as_document())))  # as a restart reads it
+        history.last, history.health = replace(history.last, belief=belief, health=found.health), found.health
+        return found
+
+
+def worn(joint: int, by: float) -> np.ndarray:
+    wear = np.zeros(6)
+    wear[joint - 1] = by
+    return wear
+
+
+@pytest.fixture(scope="module")
+def settled():
+    """A plant after 40 replays and 20 days of work; tests copy it."""
+    plant = Plant()
+    for day in range(LEARNT, LEARNT + 20):
+        plant.work(day)
+    return plant
+
+
+@pytest.fixture
+def plant(settled):
+    copy = object.__new__(Plant)
+    copy.history = object.__new__(History)
+    copy.history.__dict__.update(settled.history.__dict__)
+    copy.friction, copy.rng = settled.friction, np.random.default_rng(4)
+    return copy
+
+
+def alerts(plant: Plant) -> list:
+    return [(alert.joint, alert.tier) for alert in plant.history.health.active_alerts]
+
+
+def test_a_belief_without_work_is_written_as_before():
+    """No key of a stored belief is new until work is observed: an earlier version reads it."""
+    history = History()
+    history.add(0, Arm(seed=0).replay(30.0, np.zeros(6)), CONTEXT)
+    document = history.last.belief.as_document()
+    assert "ordinary_work" not in document
+    assert "sources" not in document["track"]
+    assert len(document["track"]["mean"][0]) == 10
+
+
+def test_a_belief_with_work_is_read_back_exactly(plant):
+    belief = plant.history.last.belief
+    document = belief.as_document()
+    assert len(document["track"]["mean"][0]) == 12
+    assert belief_from_document(json.loads(json.dumps(document))).as_document() == document
+
+
+def test_an_observation_is_read_back_exactly():
+    one = told(1.0, np.ones(6), np.random.default_rng(0))
+    assert work_observation_from_document(json.loads(json.dumps(one.as_document()))).as_document() == one.as_document()
+
+
+def test_what_differs_between_work_and_excitation_for_good_is_no_wear(plant):
+    """Work shows 12 % more friction than the replays from its first day on: that is its level, and no joint has worn."""
+    belief = plant.history.last.belief
+    assert np.all(np.abs(belief.wear[OF_WORK == 1]) < 0.02)
+    assert alerts(plant) == []
+    state = belief.filter_state
+    assert np.allclose((state.mean[:, 10] - state.level(belief.slot))[OF_WORK == 1], OFFSET, atol=0.03)
+
+
+def test_a_joint_that_work_does_not_excite_learns_nothing_from_it(plant):
+    belief = plant.history.last.belief
+    assert belief.filter_state.sources.other_number.tolist() == [20, 20, 20, 0, 20, 20]
+    assert np.isnan(belief.ordinary_work.learnt_at_unix_s[3])
+    assert plant.history.health.joints[3].learnt_at_unix_s == START_S + (LEARNT - 1) * DAY_S
+    assert plant.history.health.joints[0].learnt_at_unix_s == START_S + (LEARNT + 19) * DAY_S
+
+
+def test_noise_of_work_is_learnt_from_work_and_that_of_replays_from_replays(plant):
+    """Work scatters by 1.2 % here, and neither source changes what is known of the other's noise."""
+    settings, state = DriftSettings(), plant.history.last.belief.filter_state
+    of_work = np.sqrt(swapped(state).noise_var(6, settings))
+    assert np.all((of_work > 0.008) & (of_work < 0.03))
+    again = Plant().history.last.belief.filter_state
+    assert np.array_equal(state.step_var, again.step_var)
+    assert np.array_equal(state.product, again.product)
+
+
+def test_the_other_source_twice_is_the_state_itself(plant):
+    state = plant.history.last.belief.filter_state
+    twice = swapped(swapped(state))
+    assert np.array_equal(twice.mean, state.mean)
+    assert np.array_equal(twice.cov, state.cov)
+    assert np.array_equal(twice.step_var, state.step_var)
+    assert begin_work(state, 6, DriftSettings()) is state
+
+
+def test_work_alone_raises_an_advisory_and_asks_for_a_replay_before_it_raises_wear(plant):
+    """A step of 20 % in joint 2 that only work has seen: an advisory, and one replay that agrees makes it the wear tier."""
+    for day in range(LEARNT + 20, LEARNT + 32):
+        found = plant.work(day, worn(2, 0.2))
+    assert alerts(plant) == [(2, "advisory")]
+    assert found.asks == (2,)
+    assert "no replay has confirmed it yet" in plant.history.health.active_alerts[0].text
+    plant.replay(LEARNT + 32, worn(2, 0.2))
+    assert alerts(plant) == [(2, "wear")]
+    assert plant.history.last.belief.ordinary_work.asks == ()
+
+
+def test_work_that_makes_wear_likely_asks_for_replays_before_it_is_sure(plant):
+    """A step of 5 % that only work sees is suspected before it is found, of that joint alone, and a replay answers; noise asks for none."""
+    quiet = [plant.work(day).suspects for day in range(LEARNT + 20, LEARNT + 30)]
+    assert quiet == [()] * 10
+    told_of = [plant.work(day, worn(2, 0.05)) for day in range(LEARNT + 30, LEARNT + 42)]
+    suspected = [k for k, found in enumerate(told_of) if 2 in found.suspects]
+    found = [k for k, found in enumerate(told_of) if 2 in found.asks or found.transitions]
+    assert suspected
+    assert suspected[0] < min(found, default=12)
+    assert all(set(found.suspects) <= {2} for found in told_of)
+    assert plant.history.last.belief.ordinary_work.suspects in {(), (2,)}
+    plant.replay(LEARNT + 42, worn(2, 0.05))
+    assert plant.history.last.belief.ordinary_work.suspects == ()
+
+
+def test_a_replay_that_disagrees_with_work_keeps_the_wear_tier_from_being_raised(plant):
+    """The work has changed, not the joint: after one replay nothing is asked for, and after a few the wear is gone."""
+    for day in range(LEARNT + 20, LEARNT + 32):
+        plant.work(day, worn(2, 0.2))
+    claimed = plant.history.last.belief.wear[1]
+    for day in range(LEARNT + 32, LEARNT + 36):
+        plant.replay(day)
+        assert (2, "wear") not in alerts(plant)
+    assert claimed > 0.15
+    assert plant.history.last.belief.wear[1] < 0.05
+
+
+def test_work_with_another_payload_or_another_model_of_the_arm_has_another_level(plant):
+    """What is 15 % higher under another payload, or by another frozen model, is the level of that work."""
+    heavy = replace(CONTEXT, payload_kg=3.0)
+    for day in range(LEARNT + 20, LEARNT + 30):
+        plant.observe(told(day, plant.friction * 1.15, plant.rng), heavy)
+    for day in range(LEARNT + 30, LEARNT + 40):
+        plant.observe(told(day, plant.friction * 0.9, plant.rng, arm="replay 60"), heavy)
+    assert np.all(np.abs(plant.history.last.belief.wear) < 0.03)
+    assert alerts(plant) == []
+
+
+def test_work_of_another_arm_another_speed_or_an_earlier_day_is_refused(plant):
+    one = told(LEARNT + 20, plant.friction, plant.rng)
+    with pytest.raises(BadInput, match="rad/s"):
+        plant.observe(replace(one, reference_speed_rad_s=0.5))
+    with pytest.raises(BadInput, match="ended"):
+        plant.observe(replace(one, end_unix_s=START_S))
+    small = {name: getattr(one, name)[:5] for name in ("friction_nm", "deviation_nm", "noise_nm", "temperature_c", "share", "known")}
+    with pytest.raises(BadInput, match="5 joints"):
+        plant.observe(replace(one, **small))
