@@ -1,7 +1,7 @@
 """What a robot must be able to do so that this room can replay on it, check it and listen to it. `ur/` is the one implementation.
 
-Everything that depends on the make of the robot lies behind `Driver`. A connection is held by a process of its own, a `Session`, because
-the libraries of the makers may crash or hang; the session's process may be killed at any moment.
+Everything that depends on the make of the robot lies behind `Driver`. A connection is held by a `Session`, a process of its own where a
+maker's library holds it, because such a library may crash or hang; the session's process may be killed at any moment.
 """
 
 from collections.abc import Callable, Iterator
@@ -52,7 +52,7 @@ class ReplayTask:
 
 
 class Session(Protocol):
-    """A process that holds the connection to one robot. The thread that starts it must outlive it."""
+    """What holds the connection to one robot: a process, unless it only receives. The thread that starts it must outlive it."""
 
     @property
     def printed(self) -> str:
@@ -66,6 +66,9 @@ class Session(Protocol):
 
         A message is a dictionary with a `kind`. Raises SessionEnded once everything has been delivered.
         """
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until `frames` has something, at most so long."""
 
     def end(self, patience_s: float = 0.0) -> int:
         """End the process, by force unless it ends by itself within patience_s. Returns its exit code, or minus the signal's number."""
@@ -94,8 +97,10 @@ class Driver(Protocol):
         `text`, `refused` or `unreachable` with a `text`.
         A `failed` with `ended` true means that the session has ended its program and the arm stands.
         Where a program lends the arm, the phase `node` comes before `ready`, with `passed_by` and a `text` for each node at which the arm
-        was not taken; `taken` says that it was, and `given_back` that the program has it again. A session that was not told `go` gives it
-        back after `stop`, and after whatever it refuses itself.
+        was not taken; `asking` says that it is asked for, then `taken` or `not_taken` what the program did; `giving_back` that the program
+        gets it, and `given_back` that it has it again. A session that ends before either answer leaves a standing arm, and a program that
+        has its arm or has ended. A session that was not told `go` gives it
+        back after `stop`, after whatever it refuses itself, and where nobody says `here`.
         It takes the words `go`, without which nothing moves, `stop`, `back`, after which a lent arm that has moved goes back over the
         way it came and is given back, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. Raises SessionEnded where no process can be started.

@@ -87,6 +87,7 @@ class Listener:
         self._has_delivered = False  # this session has delivered a row
         self._next_try_at = 0.0
         self._pause_s = settings.first_pause_s
+        self.rows: list[Array] = []  # (WIDTH,) each, what the last `poll` took its states from
         self.problem: str | None = None  # why nothing is received from the arm; None while rows come, or before the first try
 
     @property
@@ -111,8 +112,15 @@ class Listener:
         """The newest state seen by `poll`, or None while nothing is received from the arm."""
         return self._latest
 
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until `poll` may find something, at most so long; False at once where there is no connection that would tell."""
+        if self._session is not None:
+            self._session.wait(timeout_s)
+        return self._session is not None
+
     def poll(self) -> list[LiveState]:
         """The states that have come since the last call, oldest first. Starts a lost session again when its pause is over; never waits."""
+        self.rows = []
         if not self._wanted:
             return []
         now = time.monotonic()
@@ -130,7 +138,7 @@ class Listener:
                     rows.append(frame)
         except SessionEnded:
             message = message or f"{self._settings.host}: the listening process died"
-        fresh = _live_states(rows)
+        self.rows, fresh = rows, _live_states(rows)
         if message is not None:
             self._lost(now, message)
             return fresh

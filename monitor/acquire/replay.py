@@ -119,6 +119,7 @@ def replay(
         # also when a callback raised: first the session, then the arm, then the exception
         watch.oversight.cancel()
         exit_code = session.end(LEAVING_S if watch.last_message else 0.0)
+        watch.find_out(lambda: driver.playing_program(settings.host))
         stopped = not watch.may_move or driver.stop_program(settings.host, watch.our_program)
         watch.oversight.join()
     if watch.refusal is not None and not watch.borrowed:

@@ -35,6 +35,7 @@ WIDTHS = {
     "robot_status_bits": 1,  # bit 0 power on, bit 1 program running, bit 2 teach button (freedrive), bit 3 power button
     "joint_mode": JOINTS,
     "actual_TCP_pose": 6,  # position [m] and rotation vector [rad] in the base's frame
+    "actual_TCP_force": 6,  # [N, N·m] at the TCP; measured from the e-Series on, computed from currents on a CB3
     "commanded_q": JOINTS,  # [rad] the target sent for this row; NaN where none was sent
     "host_monotonic_s": 1,  # [s] host's clock when the session read the row
 }

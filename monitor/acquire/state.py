@@ -17,6 +17,8 @@ SAFETY_BITS_NORMAL = 0b1  # bit 0 alone; every other bit means reduced mode, a s
 RUNTIME_STOPPING = 0
 RUNTIME_STOPPED = 1
 RUNTIME_PLAYING = 2
+RUNTIME_PAUSING = 3
+RUNTIME_PAUSED = 4
 JOINT_MODE_RUNNING = 253
 STATUS_BIT_TEACH_BUTTON = 0b100  # of robot_status_bits: somebody holds the freedrive button
 

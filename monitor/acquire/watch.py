@@ -14,6 +14,7 @@ from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
+from monitor.errors import RobotUnreachable
 from monitor.recording import Array
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
@@ -35,6 +36,7 @@ BEAT_EVERY_S = 0.1  # a session that moves the arm hears so often that this proc
 STOP_PATIENCE_S = 5.0  # after a request to stop: slow down along the path, come to rest, end the program
 
 
+NODE_DECIDES_S = 1.5  # a node that has lent its arm and hears no beat ends its program 1 s later
 NODE_PATIENCE_S = 5.0  # a session that waits for a program's node ends the wait itself
 WINDOW_EVERY_S = 1.0  # while it waits, so often is looked whether the arm may still move now
 
@@ -110,6 +112,7 @@ class Watch:
         self._gone = False  # the session was told `go`
         self.borrowed = False  # a program has lent the arm, and not got it back
         self.given_back = False  # … and got it back
+        self._between = False  # the program was asked for its arm, or has it offered back, and has not answered
         self._bringing_back = False  # a lent arm, asked to stop, goes back over the way it came
         self.refusal: Exception | None = None  # what refused the motion after the arm was taken, or while its node is waited for
         self._passed_by = ""  # why the arm was not taken at the program's last node
@@ -152,6 +155,20 @@ class Watch:
             return OurProgram(self._alive_at, "starting", name)
         return OurProgram(self._alive_at, name=name)
 
+    def find_out(self, playing_program: Callable[[], str | None]) -> None:
+        """Where the session has ended before the program answered: whether it has its arm, or has ended. The arm stands in either case.
+
+        The node takes no arm back that is elsewhere, and ends its program where nobody beats: nothing need be stopped, only looked at.
+        """
+        if not self._between:
+            return
+        time.sleep(NODE_DECIDES_S)
+        try:
+            self.given_back = playing_program() is not None
+        except RobotUnreachable:
+            self.given_back = False
+        self.borrowed, self._between = not self.given_back, False
+
     def follow(self, session: Session) -> None:
         """Follow the session until its last message, its death, or a reason to give it up.
 
@@ -179,7 +196,7 @@ class Watch:
             elif self._bringing_back and (reason := self._reason_against_motion()) is not None:
                 self.asked, self._asked_at, self._bringing_back = reason, now, False
                 session.send("stop")
-            if self._gone and now - self._beat_at >= BEAT_EVERY_S:
+            if (self._gone or self.settings.lent is not None) and now - self._beat_at >= BEAT_EVERY_S:
                 self._beat_at = now
                 session.send("here")
             if self.last_message is None and self.asked is None and self.refusal is None and not self._gone:
@@ -265,8 +282,12 @@ class Watch:
             self.state = arm_state(np.array(frame["row"], dtype=float))
         elif frame["kind"] == "passed_by":
             self._passed_by = frame["text"]
+        elif frame["kind"] in {"asking", "giving_back"}:
+            self._between = True
+        elif frame["kind"] == "not_taken":
+            self._between = False
         elif frame["kind"] in {"taken", "given_back"}:
-            self.borrowed, self.given_back = frame["kind"] == "taken", frame["kind"] == "given_back"
+            self.borrowed, self.given_back, self._between = frame["kind"] == "taken", frame["kind"] == "given_back", False
         elif frame["kind"] in {"refused", "unreachable"} and (self.borrowed or not (self.given_back or self.phase in NOTHING_SENT)):
             self.last_message = {"kind": "failed", "cause": "internal", "text": frame["text"]}  # it cannot mean that nothing was moved
         elif frame["kind"] not in {"alive", "waiting"}:

@@ -50,8 +50,9 @@ class Information:
     noise_nm: Array  # (J,) standard deviation of torque noise
 
     def rows(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-        """Y_B (J, B, N) and the torque of the nominal model (N, J) [N·m]."""
-        Y = regressor(self.robot, self.mounting, q, qd, qdd).transpose(1, 2, 0)  # (J, P, N), contiguous
+        """Y_B (J, B, N) and the torque of the nominal model (N, J) [N·m], at the motors, of a state of the joints, each (N, J)."""
+        at_motors = (self.robot.motors_of(x) for x in (q, qd, qdd))
+        Y = regressor(self.robot, self.mounting, *at_motors).transpose(1, 2, 0)  # (J, P, N), contiguous
         torque: Array = np.einsum("jpn,p->nj", Y, self.parameters)
         return Y[:, list(self.columns)], torque
 
@@ -84,8 +85,8 @@ class Information:
         return covariance
 
     def _rows_over_noise(self, Y: Array, qd: Array) -> Array:
-        """(J, B, N) the rows over the noise's standard deviation; 0 where the joint stands still."""
-        weight = (np.abs(qd) > STANDSTILL_SPEED_RAD_S).T / self.noise_nm[:, None]  # (J, N)
+        """(J, B, N) the rows over the noise's standard deviation; 0 where the motor stands still."""
+        weight = (np.abs(self.robot.motors_of(qd)) > STANDSTILL_SPEED_RAD_S).T / self.noise_nm[:, None]  # (J, N)
         rows: Array = Y * weight[:, None, :]
         return rows
 
@@ -137,7 +138,7 @@ class Information:
         merits = self.merits(excitation)
         fc_std, fv_std = self.friction_std(excitation)
         _, state = excitation.sampled(REPORT_RATE_HZ)
-        speed = np.abs(state.qd)
+        speed = np.abs(self.robot.motors_of(state.qd))  # friction acts there
         moving = np.where(speed > STANDSTILL_SPEED_RAD_S, speed, np.nan)
         return {
             "condition_number": _plain(merits.condition),

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 PORTS = {30004: "rtde", 30003: "script", 30002: "secondary", 30001: "primary", 29999: "dashboard"}
-RECEIVE, CONTROL, SCRIPT, DASHBOARD = "receive", "control", "script", "dashboard"
-CONNECTIONS = (RECEIVE, CONTROL, SCRIPT, DASHBOARD)
+RECEIVE, CONTROL, SCRIPT, DASHBOARD, PRIMARY = "receive", "control", "script", "dashboard", "primary"
+CONNECTIONS = (RECEIVE, CONTROL, SCRIPT, DASHBOARD, PRIMARY)
 RESET_AT_CLOSE = struct.pack("ii", 1, 0)  # SO_LINGER: on, 0 s
 SETUP_INPUTS = 73  # type of the packet by which an RTDE client claims inputs: it controls the arm
 

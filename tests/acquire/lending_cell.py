@@ -1,6 +1,8 @@
 """A cell on a simulated arm: a production program that plays round and round, and lends its arm at a node between two moves."""
 
+import json
 import socket
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,8 +14,10 @@ from monitor.acquire.hand_over.script import hand_over_script
 from monitor.acquire.hand_over.server import HandOverServer
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.control_script import control_script
+from monitor.acquire.ur.driver import UniversalRobots
 from monitor.simulate.remote import Remote
 
+ROBOT_API = 18080  # of a cell with a PolyScope X
 AT_NODE = (0.12, -1.5, 0.2, -1.4, 0.1, -0.1)  # near the start of `short()`
 AFTER = (-0.05, -1.5, 0.2, -1.4, 0.1, -0.1)
 CELL = """name = "cell"
@@ -59,9 +63,14 @@ class Cell:
     host: str
     text: str
     server: HandOverServer
+    robot_api: bool = False
 
     def settings(self, **others) -> ReplaySettings:
-        return settings(self.host, **others)
+        return settings(self.host, **{"allow_untested_software": self.robot_api, **others})
+
+    @property
+    def driver(self) -> UniversalRobots:
+        return UniversalRobots(robot_api_port=ROBOT_API)
 
     def serve(self) -> None:
         """Serve the text of the node again."""
@@ -72,6 +81,12 @@ class Cell:
         self.dashboard(line)
 
     def dashboard(self, line: str) -> str:
+        """The answer to a line, in the words of a dashboard also where the controller has a Robot API."""
+        if self.robot_api:
+            place = f"http://{self.host}:{ROBOT_API}/universal-robots/robot-api/program/v1/state"
+            action = None if line == "programState" else json.dumps({"action": line}).encode()
+            with urllib.request.urlopen(urllib.request.Request(place, action, method="PUT" if action else "GET"), timeout=10.0) as answer:
+                return "Starting program" if line == "play" else f"{json.load(answer).get('state', '')} cell.urp"
         with socket.create_connection((self.host, 29999), timeout=10.0) as wire, wire.makefile("rw") as file:
             file.readline()
             file.write(line + "\n")
@@ -101,13 +116,15 @@ class Cell:
 @contextmanager
 def lending_cell(host: str, folder: Path, *options: str, rest_s: float = 0.2, play: bool = True) -> Iterator[Cell]:
     """The cell at this address; its server listens there too, as a monitor on another host would."""
+    robot_api = any(option.startswith("10.") for option in options)
+    options = (*options, "--robot-api-port", str(ROBOT_API)) if robot_api else options
     with simulated_arm(host, *options):
         text = hand_over_script(control_script(host))
     (folder / "before.script").write_text(BEFORE)
     (folder / "after.script").write_text(AFTER_SCRIPT)
     (folder / "cell.toml").write_text(CELL.format(at_node=list(AT_NODE), after=list(AFTER), host=host, port=50002, rest_s=rest_s))
     with simulated_arm(host, *options, "--program", str(folder / "cell.toml")):
-        cell = Cell(host, text, HandOverServer(text, bind=host))
+        cell = Cell(host, text, HandOverServer(text, bind=host), robot_api=robot_api)
         try:
             if play:
                 assert cell.dashboard("play") == "Starting program"

@@ -13,10 +13,12 @@ from fault_cases import restore
 from lending_cell import Cell
 from processes import ROOT, alive, children
 
+from monitor.acquire.hand_over.script import STATE, TAKEN
+
 STOP_WITHIN_S = 0.25  # of the arm's own clock, from the fault to the stop
 STANDS_WITHIN_S = 0.35  # from the stop to standstill, as in `fault_cases`
 LATER_S = 1.2  # a watchdog or a thread that was left behind would have stopped the program by then
-PHASES = ("node", "approach", "play", "return", "settle")  # `settle`: the one after the return, at the end of which the arm is given back
+PHASES = ("node", "approach", "play", "return", "settle", "finish")  # `settle`: after the return; in `finish` the arm is given back
 PARENT = """
 import sys
 sys.path[:0] = [sys.argv[2]]
@@ -126,7 +128,8 @@ def run_fault(cell: Cell, fault: Fault, phase: str, delay_s: float, robot: str, 
             return Outcome(fault, phase, early, None, True, ("ended before the fault",))
         family = children(parent.pid)
         time.sleep(delay_s)
-        struck_s = cell.truth["clock_s"]
+        truth = cell.truth
+        struck_s, lent = truth["clock_s"], truth["output_integers"][STATE] == TAKEN  # the arm may have been taken since the phase began
         borrowed = bool(children(parent.pid, "monitor.acquire.ur.stream"))
         fault.strike(cell, parent.pid)
         time.sleep(0.6)
@@ -153,8 +156,12 @@ def run_fault(cell: Cell, fault: Fault, phase: str, delay_s: float, robot: str, 
         wrong.append("nobody is asked")
     if fault.harmless and not good:
         wrong.append(f"ended by {ended}")
-    if phase == "node" and not fault.lasting and not plays and " borrowed person" not in ended:
+    if phase == "node" and not lent and not fault.lasting and not plays and " borrowed person" not in ended:
         wrong.append(f"production was stopped: {truth['stops'][-1:]}")
+    if (lent or phase in {"settle", "finish"}) and not fault.lasting and not plays and ended and " borrowed person" not in ended:
+        wrong.append("the program has ended, and nobody is asked")
+    if plays and " borrowed person" in ended:
+        wrong.append("told as a program that has ended, and it plays")
     stop_s = _stood(truth, struck_s) if moving and not fault.harmless and borrowed else None
     if stop_s is not None and stop_s > STOP_WITHIN_S + STANDS_WITHIN_S:
         wrong.append(f"stood only after {stop_s:.2f} s; stops {stops[:2]}")

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from prepared import Process
+
 ROOT = Path(__file__).parent.parent.parent
 PARENT = """
 import sys
@@ -25,7 +27,7 @@ except ReplayAborted as error:
 def replaying(host: str) -> subprocess.Popen[str]:
     """A process that replays once on a simulated arm; it prints phase and time in it, and `aborted` with the cause at an early end."""
     command = [sys.executable, "-c", PARENT, host, str(ROOT / "tests" / "acquire")]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    return Process(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
 
 
 def children(parent: int | None = None, naming: str = "monitor.acquire") -> list[int]:

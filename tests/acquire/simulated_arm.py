@@ -5,6 +5,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from prepared import Process
+
 from monitor.acquire.settings import Installation
 from monitor.model.robot import load_robot
 from monitor.simulate.arm.physics import drive_gain
@@ -22,7 +24,7 @@ def known_gains(robot: str) -> Installation:
 def simulated_arm(host: str, *options: str) -> Iterator[str]:
     """The arm's address, once the arm listens there. It stands where `short()` begins unless another `--home` is given."""
     command = [sys.executable, "-m", "monitor.simulate", "--bind", host, AT_START, *options]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    process = Process(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         line = process.stdout.readline()

@@ -73,6 +73,24 @@ def test_a_session_that_refuses_the_motion_after_it_was_told_to_go_gives_the_arm
     assert goes_on(cell)
 
 
+@pytest.mark.soak
+def test_a_monitor_that_hangs_while_it_has_the_arm_gives_it_back(cell):
+    """Stopped before it said `go`: the arm stood there, and the program with it, for as long as nobody came."""
+    hung: list[float] = []
+
+    def hang(about) -> None:
+        cycles = cell.cycles
+        time.sleep(4.5)  # the session gives up after 3 s
+        hung.append(cell.cycles - cycles)
+
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, cell.settings(), announce=hang)
+    assert hung[0] >= 1  # the program went on while this process still hung
+    assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("late", False, False)
+    assert "said nothing for 3 s" in str(ended.value)
+    assert goes_on(cell)
+
+
 def test_a_request_to_stop_while_the_node_is_awaited_leaves_the_program_alone(cell):
     """Nothing was taken, so there is nothing to give back."""
     begin = time.monotonic()
@@ -95,6 +113,8 @@ def test_a_request_to_stop_in_the_middle_brings_the_arm_back_over_its_way(cell):
 
 def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
     """The dashboard may stop nothing there. The node itself stops the arm, ends the program, and a person is asked for."""
+    cell.fault("remote", state="on")  # a try that a busy machine disturbed has left the program ended, and remote control off
+    cell.tell("play")
     cell.fault("remote", state="off")
     killed: list[float] = []
 

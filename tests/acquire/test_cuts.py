@@ -196,7 +196,7 @@ def test_a_sample_of_cuts_of_single_connections_stops_the_arm_for_good():
 @pytest.mark.soak
 @pytest.mark.timeout(12_000)
 def test_five_hundred_cuts_of_each_connection_never_make_an_arm_go_on(soak_row, capsys):
-    """Receiving, control, script and dashboard; FIN and RST; in each phase. About two hours."""
+    """Receiving, control, script, dashboard and primary; FIN and RST; in each phase. About two hours."""
     begun = time.monotonic()
     cuts = run_cuts(cases(500, seed=20), "127.0.71.2", "127.0.72.2")
     stops = [cut.stop_s for cut in cuts if cut.stop_s is not None]

@@ -59,6 +59,19 @@ def test_a_real_arm_moves_only_with_every_guard_on():
             guard.check_quick(inputs(settings=replace(real, **changes)))
 
 
+@pytest.mark.parametrize(("robot", "rate_hz", "refused"), [("ur5", 500.0, True), ("ur5", 125.0, False), ("ur5e", 500.0, False)])
+def test_a_rate_beyond_what_the_generation_sends_is_refused(robot, rate_hz, refused):
+    """A CB3 sends 125 rows a second whatever it is asked for: the motion took twice its time."""
+    settings = replace(SIMULATED, rate_hz=rate_hz)
+    gains = Installation(gains_nm_per_a=(10.0,) * 6)
+    known = guard.inputs(settings, short(robot=robot), load_robot(robot), installation=gains)
+    if refused:
+        with pytest.raises(MotionRefused, match="expected at most 125"):
+            guard.check_quick(known)
+    else:
+        guard.check_quick(known)
+
+
 def test_an_excitation_of_another_robot_is_refused_by_name():
     """The message has both names."""
     with pytest.raises(MotionRefused, match=r"'ur3'.*'ur5'"):

@@ -8,6 +8,7 @@ import pytest
 from excitations import short
 from simulated_arm import known_gains, simulated_arm
 
+from monitor.acquire.check import check
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UniversalRobots
@@ -20,6 +21,12 @@ PORT = 18080
 DRIVER = UniversalRobots(robot_api_port=PORT)
 UR5E = load_robot("ur5e")
 OPTIONS = ("--robot", "ur5e", "--robot-api-port", str(PORT))
+
+
+def checked(host):
+    """What `check` finds of every condition."""
+    settings = ReplaySettings(host=host, allow_motion=True, allow_untested_software=True, first_pass=False)
+    return check(settings, short(robot="ur5e"), UR5E, Context(serial="77"), installation=known_gains("ur5e"), driver=DRIVER)
 
 
 def played(host, *, after_s=None, act=None, **changes):
@@ -50,6 +57,11 @@ def stands(remote):
 def test_a_replay_on_a_polyscope_x_is_played_while_its_robot_api_is_asked():
     """Without permission for untested software nothing is sent; in local control and without an API nothing either; then it is played."""
     with simulated_arm("127.0.96.21", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
+        found = {each.name: each for each in checked(host)}
+        assert [name for name, each in found.items() if not each.holds] == []
+        assert found["remote_control"].text == "on, in automatic mode"
+        assert "software by RTDE, model by the primary port" in found["robot_model"].text
+        assert not found["serial"].checked  # 10.12 does not tell it, and `check` says who is believed
         with pytest.raises(MotionRefused, match=r"software: .*10\.12\.0.*allow_untested_software"):
             played(host, allow_untested_software=False)
         remote.fault("manual_mode")
@@ -118,10 +130,10 @@ def test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause(version, fault
 
 @pytest.mark.soak
 def test_somebody_elses_program_that_starts_during_the_upload_costs_the_child_and_nothing_moves():
-    """ur-rtde would stop it by a dashboard client that is not there; the child's end is told as `no_control` or by its signal."""
+    """ur-rtde would stop it by a dashboard client that is not there; ours ends by itself, or the child by its signal."""
     with simulated_arm("127.0.96.24", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
         remote.fault("foreign_program", when="during_upload", delay=0.2, moves="off")
         with pytest.raises(ReplayAborted) as ended:
             played(host)
-        assert ended.value.cause in {"no_control", "child_died", "stalled"}
+        assert ended.value.cause in {"program_replaced", "no_control", "child_died", "stalled"}
         assert not [motion for motion in remote.truth()["motions"] if motion["fastest_rad_s"] > 0.05]

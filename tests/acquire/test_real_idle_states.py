@@ -236,6 +236,7 @@ NOT_ASKED = {  # by conditions before a motion: the band and the stream look at 
     *("actual_current", "target_qdd", "target_current", "target_moment", "actual_digital_input_bits"),
     "robot_status_bits",  # 1e300 is a whole number whose third bit is not set
     "actual_TCP_pose",  # compared only where a TCP is configured
+    "actual_TCP_force",  # tells contact of ordinary work
 }
 IN_ORDER = {
     **{"robot_mode": 7, "safety_mode": 1, "runtime_state": 1, "safety_status_bits": 1, "robot_status_bits": 1, "joint_mode": 253},

@@ -20,7 +20,8 @@ from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.receive import SIGNALS, read_row
+from monitor.acquire.ur.receive import read_row
+from monitor.acquire.ur.signals import SIGNALS
 from monitor.acquire.ur.streaming.failures import state_failure
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from excitations import short
+from prepared import Process
 from processes import children
 from simulated_arm import AT_START, known_gains
 
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
+from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -37,7 +40,7 @@ class Simulated:
 
     def __init__(self, host, *options, robot="ur5"):
         self.host = host
-        self.process = subprocess.Popen(
+        self.process = Process(
             [sys.executable, "-m", "monitor.simulate", "--robot", robot, "--bind", host, *options], stdout=subprocess.PIPE, text=True
         )
         line = self.process.stdout.readline()
@@ -113,7 +116,7 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
     excitation = ground_excitation()
     before = np.array(arm.truth()["q"])
     begun_unix_s = time.time()
-    recording = replay(excitation, UR5, arm.settings(), context=Context(payload_kg=0.0, note="test"))
+    recording = replay(excitation, UR5, arm.settings(approach_speed_rad_s=1.0), context=Context(payload_kg=0.0, note="test"))
     quality = recording.quality
     assert quality["duplicated_ticks"] == 0
     assert recording.samples + quality["missed_ticks"] == pytest.approx(1251 + quality["slipped_s"] * 125, abs=1.5)
@@ -193,6 +196,25 @@ def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_th
         listener.stop()
         simulated.close()
     assert children() == []
+
+
+def test_a_listener_reads_what_ur_rtde_reads(arm):
+    """The same ticks, by the library and by the plain socket: every value is the same, and the same values are missing."""
+    by_library = UNIVERSAL_ROBOTS.listen(arm.host, 125.0, every_tick=True)
+    by_socket = UNIVERSAL_ROBOTS.listen(arm.host, 125.0, every_tick=False)
+    read, until = ({}, {}), time.monotonic() + 30.0
+    try:
+        while len(read[0].keys() & read[1].keys()) < 20 and time.monotonic() < until:
+            for session, rows in zip((by_library, by_socket), read, strict=True):
+                rows |= {row[0]: row for row in session.frames(0.02)}
+    finally:
+        by_library.end()
+        by_socket.end()
+    own = COLUMN["host_monotonic_s"].start
+    common = sorted(read[0].keys() & read[1].keys())
+    assert len(common) >= 20
+    for tick in common:
+        np.testing.assert_array_equal(np.delete(read[0][tick], own), np.delete(read[1][tick], own))
 
 
 FOREIGN_PROGRAM = """

@@ -1,12 +1,12 @@
 """The Robot API as the monitor asks it: found by itself, over real sockets, from servers that answer well, badly, slowly or elsewhere."""
 
+import contextlib
 import json
-import socket
-import threading
 import time
 from collections.abc import Callable
 
 import pytest
+from scripted_server import ScriptedServer
 from simulated_arm import simulated_arm
 
 from monitor.acquire.check import check
@@ -32,46 +32,25 @@ def reply(document, status="200 OK", *headers):
     return "\r\n".join(lines).encode() + body
 
 
-class ScriptedApi:
+class ScriptedApi(ScriptedServer):
     """A server of HTTP on bytes: `answer` gives, for method and path, the bytes of the answer, or pieces with pauses [s] between them."""
 
     def __init__(self, answer: Callable[[str, str], "bytes | list[bytes | float]"], *, keeps: bool = True, host: str = HOST) -> None:
         self.answer, self.keeps = answer, keeps
         self.asked: list[tuple[str, str, bytes]] = []
         self.connections = 0
-        self._server = socket.create_server((host, PORT))
-        self._server.settimeout(0.05)
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
+        super().__init__(host, PORT)
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._over.set()
-        self._thread.join()
-        self._server.close()
-
-    def _serve(self):
-        while not self._over.is_set():
-            try:
-                peer, _ = self._server.accept()
-            except TimeoutError:
-                continue
-            self.connections += 1
-            with peer:
-                peer.settimeout(0.05)
-                try:
-                    while self._one(peer) and self.keeps:
-                        pass
-                except OSError:
-                    pass
+    def converse(self, peer):
+        self.connections += 1
+        with contextlib.suppress(OSError):
+            while self._one(peer) and self.keeps:
+                pass
 
     def _one(self, peer) -> bool:
         asked = b""
         while b"\r\n\r\n" not in asked or len(asked.partition(b"\r\n\r\n")[2]) < self._length(asked):
-            if self._over.is_set():
+            if self.over.is_set():
                 return False
             try:
                 data = peer.recv(4096)
@@ -85,7 +64,7 @@ class ScriptedApi:
         said = self.answer(method, path.removeprefix(BASE))
         for piece in said if isinstance(said, list) else [said]:
             if isinstance(piece, float):
-                if self._over.wait(piece):
+                if self.over.wait(piece):
                     return False
             else:
                 peer.sendall(piece)

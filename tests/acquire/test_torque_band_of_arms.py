@@ -116,8 +116,15 @@ def along(excitation: Excitation) -> Callable[[float], Array]:
     return lambda tau_s: excitation.at(np.array([tau_s])).q[0]
 
 
-@pytest.mark.parametrize("name", ["ur5-ground", "ur16e-wall"])
-@pytest.mark.parametrize("normal", ["as learnt", "cold and worn"])
+@pytest.mark.parametrize(
+    ("name", "normal"),
+    [
+        ("ur16e-wall", "as learnt"),
+        ("ur5-ground", "cold and worn"),
+        pytest.param("ur5-ground", "as learnt", marks=pytest.mark.soak),
+        pytest.param("ur16e-wall", "cold and worn", marks=pytest.mark.soak),
+    ],
+)
 def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
     """A filter that knows nothing of today's friction yet, from a standing arm, with rests between the phases and at the end."""
     learnt = learnt_arm(name)

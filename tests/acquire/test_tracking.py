@@ -12,7 +12,7 @@ TICK_S = 0.008
 RECENT = 25
 
 
-ELSEWHERE = {"late", "stalled"}  # the controller's own target is not where it was sent: another program may move it
+ELSEWHERE = {"late", "stalled", "program_stopped"}  # the controller's own target is not where it was sent: another program may move it
 
 
 def ended(q, own, sent, *, late=lambda n: False):
@@ -85,13 +85,40 @@ def test_late_targets_are_no_deviation_of_the_arm():
 
 
 @pytest.mark.parametrize(("late", "cause"), [(True, "late"), (False, "stalled")])
-def test_a_controller_that_is_elsewhere_than_it_was_sent_got_its_targets_late_or_not_at_all(late, cause):
-    """The arm is where its controller wants it, 0.1 rad from what was sent: nothing holds it, and nobody need look at it."""
+@pytest.mark.parametrize("share", [0.2, 0.4])
+def test_a_controller_that_is_behind_what_it_was_sent_gets_its_targets_late(late, cause, share):
+    """The arm is where its controller wants it, and that goes where it was sent long ago: nothing holds it, and nobody need look at it."""
     sent = sweep([0.5] * 6)
-    own = sent + 0.1
+    own = sent.copy()
+    own[60:] = sent[60] + share * (sent[60:] - sent[60])
     found, text, _ = ended(own, own, sent, late=lambda n: late)
     assert found == cause
     assert "was sent" in text or "late" in text
+
+
+@pytest.mark.parametrize("speeds", [[0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.5, -0.3, 2.0, 0.0, 0.0, 0.2]])
+@pytest.mark.parametrize("its_speed", [-0.4, 0.0, 1.0])
+def test_a_controller_that_goes_its_own_way_has_another_program(speeds, its_speed):
+    """It took the place of ours within one tick, so that no row shows a stopped one. It was named stalled, as if the network were slow.
+
+    Ours would have ended by then, because it lives 0.1 s without targets.
+    """
+    sent = sweep(speeds)
+    own = delayed(sent, 2)
+    own[60:] = own[60]
+    own[60:, 3] += its_speed * TICK_S * np.arange(len(own) - 60)
+    cause, text, _ = ended(delayed(own, 1), own, sent)
+    assert cause == "program_stopped"
+    assert "the place of ours" in text
+
+
+def test_targets_that_stop_for_less_than_our_program_lives_without_them_are_no_other_program():
+    """At 500 Hz a fast motion leaves what was sent before the watchdog has spoken."""
+    tracking = Tracking(0.002, largest_rad=0.05, lasting_rad=0.005)
+    sent = np.outer(np.arange(0.0, 1.0, 0.002), [2.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    q = sent[100]
+    found = [tracking.failure(q, q, np.zeros(6), sent[n - RECENT : n], late=False) for n in range(101, 160)]
+    assert next(each for each in found if each is not None).cause == "stalled"
 
 
 def test_an_arm_that_leaves_its_controllers_target_is_no_host_that_is_late():

@@ -3,17 +3,19 @@
 import signal
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from excitations import short
-from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, phase
+from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, phase, row
 
 from monitor.acquire import watch as watch_module
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur import stream
 from monitor.acquire.ur.streaming import borrow
-from monitor.acquire.ur.streaming.failures import StreamFailure
+from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
 from monitor.acquire.watch import cause_of_death
-from monitor.errors import MotionRefused, ReplayAborted
+from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 
 ALIVE = {"kind": "alive"}
 TAKEN, GIVEN_BACK = {"kind": "taken", "number": 1}, {"kind": "given_back"}
@@ -166,17 +168,113 @@ def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_fi
     assert driver.programs_stopped == 0
 
 
+def lent_arm(node, next_row=lambda: None):
+    """An arm whose session tells what it does; (the arm, what was told)."""
+    told: list[str] = []
+    outbox = SimpleNamespace(message=lambda kind, **values: told.append(kind))
+    return SimpleNamespace(node=node, outbox=outbox, next_row=next_row, program_sent=False), told
+
+
 def test_an_arm_that_was_taken_is_told_before_anything_else_may_fail():
     """The parent would take its program for untouched where the controller's data ends in that very tick."""
-    told: list[str] = []
 
     def next_row():
         raise StreamFailure("stalled", "no new data from the controller")
 
-    node = SimpleNamespace(taken=True, take=lambda number: None)
-    outbox = SimpleNamespace(message=lambda kind, **values: told.append(kind))
-    arm = SimpleNamespace(node=node, outbox=outbox, next_row=next_row, program_sent=False)
+    arm, told = lent_arm(SimpleNamespace(taken=True, take=lambda number: None), next_row)
     with pytest.raises(StreamFailure, match="no new data"):
-        borrow._takes(arm, 7)
+        borrow._not_taken(arm, 7)
     assert arm.program_sent
-    assert told == ["taken"]
+    assert told == ["asking", "taken"]
+
+
+def test_a_connection_that_ends_while_the_arm_is_asked_for_leaves_the_parent_to_find_out():
+    """It was told as a robot that cannot be reached, although its program may have lent the arm and ended."""
+
+    def next_row():
+        raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
+
+    arm, told = lent_arm(SimpleNamespace(taken=False, offered=7, take=lambda number: None), next_row)
+    with pytest.raises(StreamFailure):
+        borrow._not_taken(arm, 7)
+    assert arm.program_sent
+    assert told == ["asking"]
+
+
+def test_a_node_that_neither_lends_nor_goes_on_is_passed_by_with_its_reason(monkeypatch):
+    """As where the program is paused there, or was stopped while it offered its arm. It was told as a robot that cannot be reached."""
+    monkeypatch.setattr(borrow, "ANSWER_S", 0.02)
+    words: list[str] = []
+    node = SimpleNamespace(taken=False, offered=7, take=lambda number: words.append("take"), let_go=lambda: words.append("let go"))
+    arm, told = lent_arm(node)
+    assert "is it paused there?" in borrow._not_taken(arm, 7)
+    assert words == ["take", "let go"]  # a program that plays on later lends no arm to nobody
+    assert not arm.program_sent
+    assert told == ["asking", "not_taken"]
+
+
+class Lent(ScriptedDriver):
+    """A robot whose program plays, or has ended; None: it does not answer."""
+
+    def __init__(self, session, *, plays):
+        super().__init__(session)
+        self.plays, self.asked_late = plays, False
+
+    def playing_program(self, host):
+        self.asked_late = self.session.ended
+        if self.plays is None:
+            raise RobotUnreachable(f"{host}: nobody")
+        return "cell.urp" if self.plays else None
+
+
+ASKING, GIVING_BACK = {"kind": "asking", "number": 1}, {"kind": "giving_back"}
+
+
+@pytest.mark.parametrize("frames", [[ASKING], [TAKEN, phase("finish"), GIVING_BACK]])
+@pytest.mark.parametrize(("plays", "person"), [(True, False), (False, True), (None, True)])
+def test_a_session_that_dies_before_the_program_has_answered_is_followed_by_a_look_and_not_by_a_stop(monkeypatch, frames, plays, person):
+    """Killed between the last word to the node and its answer: a program that has its arm again was stopped in the middle of production."""
+    monkeypatch.setattr(watch_module, "NODE_DECIDES_S", 0.0)
+    driver = Lent(ScriptedSession([phase("node"), *frames], [], exit_code=-signal.SIGKILL), plays=plays)
+    settings = ReplaySettings(host="127.0.0.1", allow_motion=True, hand_over="external_control")
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, settings, driver=driver)
+    assert driver.asked_late
+    assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("child_died", person, person)
+    assert driver.programs_stopped == int(person)  # which finds that nothing plays
+
+
+def test_a_session_that_waits_for_a_node_hears_that_somebody_is_there(monkeypatch):
+    """Without that it takes no arm: one that was taken for a stopped parent stood there for ever."""
+    session = ScriptedSession([phase("node")], [], exit_code=0)
+    with pytest.raises(ReplayAborted):
+        replay(
+            short(),
+            UR5,
+            ReplaySettings(host="127.0.0.1", allow_motion=True, hand_over="external_control"),
+            driver=ScriptedDriver(session),
+        )
+    assert session.beats >= 1
+
+
+def test_an_arm_that_was_lent_is_given_back_where_the_parent_says_nothing():
+    """It is stopped, or hangs, while the arm stands and the program waits for it."""
+    now = borrow.ABSENT_S
+    waits = SimpleNamespace(node=object(), may_go=False, asked_to_stop=None, unheard_s=now + 0.1, seen_at=0.0)
+    waits.outbox = SimpleNamespace(message=lambda kind, **values: None)
+    with pytest.raises(Stopped, match="late"):
+        stream._wait_for_go(waits, [])
+    assert borrow._why_not(waits, np.zeros(1), None) == borrow.ABSENT
+
+
+@pytest.mark.parametrize(
+    ("safety_mode", "bits", "cause"), [(3, 0x5, "protective_stop"), (5, 0x11, "safeguard_stop"), (1, 0x1, "program_stopped")]
+)
+def test_a_stop_while_the_arm_is_given_back_is_named_by_its_kind(safety_mode, bits, cause):
+    """It pauses the program, which then takes no arm back; only that was told."""
+    shown = row(0, runtime_state=4, safety_mode=safety_mode, safety_status_bits=bits)
+    arm, _ = lent_arm(SimpleNamespace(taken=True), lambda: shown)
+    arm.seen_at, arm.settings = 0.0, ReplaySettings(host="127.0.0.1")
+    with pytest.raises(StreamFailure, match="did not take its arm back") as found:
+        borrow._wait_until_taken_back(arm, arm.node)
+    assert found.value.cause == cause

@@ -9,9 +9,11 @@ its input, and output register 0 no longer says "ready". Every name of the text 
 the program: ur-rtde's own names are common words, and a program's `q` or `velocity` would not survive the node.
 
 Registers of integers, in the ranges that ur-rtde leaves to others (outputs 12 … 19, inputs 18 … 22; 24 more in the upper range): output
-OFFER holds the number while the arm is offered or taken, STATE says how far the node is, and ECHO repeats each beat that the guard of the
-node has seen; input DUE is 1 when a replay is due, TAKE repeats the number, and BEAT changes as long as the monitor lives. Their values
-outlive every connection, so a number is never used twice in a row, and a number alone is not believed without a beat.
+VERSION says which text the program has, OFFER holds the number while the arm is offered or taken, STATE says how far the node is, and
+ECHO repeats each beat that the guard of the node has seen; input DUE is 1 when a replay is due, TAKE repeats the number, and BEAT changes
+as long as the monitor lives. Their values outlive every connection, so a number is never used twice in a row, and a number alone is not
+believed without a beat. A node that has waited for a beat in vain repeats the one that stands there, and no node waits for that one again:
+a DUE that a dead monitor has left costs the program one wait, once.
 """
 
 import re
@@ -23,7 +25,7 @@ HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands betwe
 LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
 ASK = "cmd = rtde_cmd()"  # how ur-rtde's loop reads its next command
 OURS = "jm_"  # how every name of the served text begins
-ECHO, OFFER, STATE = 17, 18, 19  # output registers of the lower range
+VERSION, ECHO, OFFER, STATE = 16, 17, 18, 19  # output registers of the lower range
 TAKE, BEAT, DUE = 20, 21, 22  # input registers of the lower range
 UPPER = 24  # the upper range lies so much higher
 IDLE, OFFERED, TAKEN, LOST, ASTRAY = range(5)  # values of STATE
@@ -54,10 +56,11 @@ class HandOverSettings:
                 raise BadInput(f"hand_over: {name} = {value!r}; expected {low:g} … {high:g}")
 
 
-def hand_over_script(control_script: str, settings: HandOverSettings | None = None) -> str:
+def hand_over_script(control_script: str, settings: HandOverSettings | None = None, *, version: int = 0) -> str:
     """The text that a node of a program gets: header, control loop and hand-over.
 
-    control_script : ur-rtde's own text for the software of this controller, with the offset of its registers.
+    control_script : ur-rtde's own text for the software of this controller, with the offset of its registers. version : what the program
+    says of its text in the register VERSION; 0: nothing.
     Raises BadInput where ur-rtde's text is not as expected.
     """
     settings = settings or HandOverSettings()
@@ -67,7 +70,7 @@ def hand_over_script(control_script: str, settings: HandOverSettings | None = No
         raise BadInput("hand_over: ur-rtde's control script does not say which registers it uses; expected an offset of 0 or 24")
     if loop.count(ASK) != 1:
         raise BadInput(f"hand_over: ur-rtde's loop reads its command {loop.count(ASK)} times as {ASK!r}; expected once")
-    own = _filled(_HEADER, settings, int(offset[1]))
+    own = _filled(_HEADER, settings, int(offset[1])).replace("JM_VERSION", str(version))
     loop = _FORCE_MODE.sub("", loop.replace(ASK, "cmd = jm_command()"))
     node = _filled(_NODE, settings, int(offset[1])).replace("LOOP\n", loop.strip("\n") + "\n")
     text = f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
@@ -145,7 +148,7 @@ _WORD = re.compile(r'"[^"\n]*"|#[^\n]*|(?<![\w.])(?P<name>[A-Za-z_]\w*)')  # a t
 _ASSIGNED = re.compile(r"\s*=(?!=)")
 _DEFINED = re.compile(r"(?:^|\n|\d\s)[ \t]*(?:(?:def|thread)\s+(\w+)|(?:global\s+|local\s+)?([A-Za-z_]\w*)(?:\[[^\]\n]*\])?\s*=(?!=))")
 _FORCE_MODE = re.compile(r"^[ \t]*force_mode_set_(?:gain_scaling|damping)\([^\n]*\n", re.MULTILINE)  # they would replace the program's own
-_REGISTERS = {"ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
+_REGISTERS = {"VERSION": VERSION, "ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
 _STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
 _HEADER = """
     # joint-monitor: hand-over of the arm
@@ -155,6 +158,7 @@ _HEADER = """
     global jm_given_up = False
     global jm_guard_thrd = 0
     global jm_taken_q = [0, 0, 0, 0, 0, 0]
+    write_output_integer_register({VERSION}, JM_VERSION)
 
     # The next command of the control loop. Once the monitor has withdrawn the number, 255 ends the loop; the 0 before it is needed,
     # because the loop begins no command until it has seen the end of the one before. Once the arm is given up there is none.
@@ -236,7 +240,7 @@ _NODE = """
             jm_number = 1
         end
         write_output_integer_register({OFFER}, jm_number)
-        if read_input_integer_register({DUE}) == 1:
+        if read_input_integer_register({DUE}) == 1 and read_input_integer_register({BEAT}) != read_output_integer_register({ECHO}):
             write_output_integer_register({STATE}, {is_offered})
             jm_waited_s = 0.0
             jm_first_beat = read_input_integer_register({BEAT})
@@ -245,6 +249,9 @@ _NODE = """
                 sync()
                 jm_waited_s = jm_waited_s + get_steptime()
                 jm_alive = jm_alive or read_input_integer_register({BEAT}) != jm_first_beat
+            end
+            if not jm_alive:
+                write_output_integer_register({ECHO}, jm_first_beat)  # nobody is there: no node waits for this beat again
             end
             # a command that stands in its register already is none for this arm
             if read_input_integer_register({TAKE}) == jm_number and jm_alive and rtde_cmd() == 0:

@@ -11,6 +11,8 @@ from monitor.errors import MotionRefused
 
 PRIVATE_NETWORKS = tuple(ipaddress.IPv4Network(network) for network in ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16"))  # RFC 1918
 
+CB3, CB3_HZ = "cb3", 125.0  # what a controller of this generation sends at most; later ones send 500
+
 
 def motion_allowed(inputs: ConditionInputs) -> str:
     """The configuration allows motion. Only the value true itself does; a text such as "false" does not."""
@@ -73,6 +75,11 @@ def trajectory(inputs: ConditionInputs) -> str:
     if mounting is not None and not np.allclose(mounting, excitation.mounting.angles_rad, atol=1e-6):
         designed = np.round(np.degrees(excitation.mounting.angles_rad), 3)
         raise MotionRefused(f"the excitation was designed for mounting {designed}°, the arm hangs at {np.degrees(mounting)}°")
+    if robot.generation == CB3 and inputs.settings.rate_hz > CB3_HZ:
+        raise MotionRefused(
+            f"rate_hz = {inputs.settings.rate_hz:g}: a {robot.name} sends {CB3_HZ:g} rows a second at most, and a motion that follows them "
+            f"would be slower than designed; expected at most {CB3_HZ:g}"
+        )
     within_limits(excitation, max_position_rad=robot.max_position_rad, max_speed_rad_s=robot.max_speed_rad_s)
     return f"{excitation.digest}, {excitation.duration_s:.1f} s within every limit of the {robot.name}"
 

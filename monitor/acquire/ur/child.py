@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from monitor.acquire.ur.frames import message_frame, row_frame
 from monitor.recording import Array
 
-PR_SET_PDEATHSIG, PR_SET_TIMERSLACK = 1, 29  # options of prctl(2)
+PR_SET_PDEATHSIG = 1  # option of prctl(2)
 REAL_TIME_PRIORITY = 10  # above every ordinary process, below the kernel's own real-time threads
 
 ALIVE, WAITING = (message_frame(kind, {}) for kind in ("alive", "waiting"))  # made once: one of them is sent in every tick
@@ -29,14 +29,24 @@ def begin() -> tuple[dict[str, Any], "Outbox", "Lifeline"]:
     A child process calls it before anything else. From then on the system kills this process when its parent ends, and the signals of a
     terminal (SIGINT, SIGTERM) have no effect. Leaves the process with EXIT_ORPHANED where the parent has ended already.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # the parent decides when and how the arm stops
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    bind_to_parent()
     lifeline = Lifeline()
     job = json.loads(lifeline.line())
-    if os.getppid() != job["parent_pid"]:  # the parent died before the call of prctl
-        os._exit(EXIT_ORPHANED)
+    leave_if_orphaned(job["parent_pid"])
     return job, Outbox(job["pipe"]), lifeline
+
+
+def bind_to_parent() -> None:
+    """Ignore a terminal's signals from now on, because the parent decides; the system kills this process when its parent ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+def leave_if_orphaned(parent_pid: int) -> None:
+    """Leave the process where that parent died before `bind_to_parent`."""
+    if os.getppid() != parent_pid:
+        os._exit(EXIT_ORPHANED)
 
 
 def request_real_time() -> bool:
@@ -46,15 +56,6 @@ def request_real_time() -> bool:
     except OSError:
         return False
     return True
-
-
-def set_timer_slack(slack_s: float) -> None:
-    """Let each sleep of this thread, and of threads that it starts, last up to slack_s longer; 0 restores the process's first value.
-
-    Without effect on real-time threads. ur-rtde's receiving thread checks for data every 0.1 ms, which takes a tenth of a core; with timer
-    slack it checks less often.
-    """
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(int(slack_s * 1e9)), 0, 0, 0)
 
 
 class Outbox:

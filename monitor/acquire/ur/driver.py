@@ -1,19 +1,30 @@
-"""Universal Robots behind the room's `Driver`: ur-rtde in child processes, and dashboard server or Robot API over a plain socket."""
+"""Universal Robots behind the room's `Driver`: ur-rtde in child processes; dashboard server, Robot API and a look over plain sockets."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
-from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session, SessionEnded
-from monitor.acquire.state import ArmState, Identity, arm_state
+from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session
+from monitor.acquire.hand_over.script import OFFER, VERSION
+from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur import conversation, primary
 from monitor.acquire.ur.job import job_document
+from monitor.acquire.ur.listening import Listening
+from monitor.acquire.ur.observe import observe
 from monitor.acquire.ur.process import Child
+from monitor.acquire.ur.reported_errors import ReportedErrors
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
-from monitor.acquire.ur.rtde_rows import software_of
+from monitor.acquire.ur.rtde_rows import output_integers, software_of
+from monitor.errors import RobotUnreachable
 
 REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds
-ANSWER_POLL_S = 0.05  # between two checks for the observing process's answer
+
+
+class NodeSays(NamedTuple):
+    """What a node that lends the arm leaves in the controller's registers."""
+
+    version: int  # of its text; 0: no node of ours was played
+    reached: int  # how often one was reached, also while nothing was due
 
 
 class UniversalRobots:
@@ -43,21 +54,25 @@ class UniversalRobots:
 
     def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
         """The arm's state now, by receiving only; None where no RTDE data comes within timeout_s."""
-        child = Child("monitor.acquire.ur.observe", {"host": host, "rate_hz": rate_hz})
-        until = time.monotonic() + timeout_s
+        return observe(Listening(host, rate_hz), timeout_s)
+
+    def node_says(self, host: str) -> NodeSays | None:
+        """What the node of the program that was played last has left in its registers; None where the controller does not answer."""
         try:
-            while time.monotonic() < until:
-                for frame in child.frames(ANSWER_POLL_S):
-                    return None if isinstance(frame, dict) else arm_state(frame)
-        except SessionEnded:
+            found = output_integers(host, (VERSION, OFFER))
+        except RobotUnreachable:
             return None
-        finally:
-            child.end()
-        return None
+        return None if found is None else NodeSays(*found)
 
     def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
-        """A process that receives only and sends rows."""
-        return Child("monitor.acquire.ur.listen", {"host": host, "rate_hz": rate_hz, "every_tick": every_tick})
+        """A process that receives every tick; else a socket in this one."""
+        if every_tick:
+            return Child("monitor.acquire.ur.listen", {"host": host, "rate_hz": rate_hz})
+        return Listening(host, rate_hz)
+
+    def errors(self, host: str) -> ReportedErrors:
+        """A connection that tells the errors which the controller reports from now on."""
+        return ReportedErrors(host)
 
     def stream(self, task: ReplayTask) -> Session:
         """A process that plays one replay once it is told `go`."""

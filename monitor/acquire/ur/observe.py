@@ -1,42 +1,39 @@
-"""The observing process: `python -m monitor.acquire.ur.observe`. It receives a few rows, sends one to its parent, and ends."""
+"""A look at an arm: a few rows by a plain socket, as one state. No process is started for it, so it takes a fifth of a second."""
 
 import time
 
 import numpy as np
 
+from monitor.acquire.driver import SessionEnded
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.ur.child import begin, leave
-from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
+from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.ur.listening import Listening
 from monitor.recording import Array
 
 ROWS = 13  # the accelerometer is averaged over so many: 0.1 s at 125 Hz
-ROW_POLL_S = 0.001  # between two checks for a new row: an eighth of a tick at 125 Hz, so no row is missed
 
 
-def main() -> None:
-    """Send the last of ROWS rows with the mean of their accelerometer readings, or a message why there is none; never returns."""
-    job, outbox, lifeline = begin()
+def observe(session: Listening, timeout_s: float) -> ArmState | None:
+    """The state of the arm in the last of ROWS ticks, with the mean of their accelerometer readings; None where they do not all come.
+
+    The session is ended. A row that repeats the time of the one before is no new tick: a controller that hangs is not in any state.
+    """
+    rows: list[Array] = []
+    until = time.monotonic() + timeout_s
     try:
-        receive, signals = connect_receiver(job["host"], job["rate_hz"])
-        rows: list[Array] = []
-        timestamp_s = None
-        while receive.isConnected() and len(rows) < ROWS:
-            if receive.getTimestamp() != timestamp_s:
-                row, _ = read_row(receive, signals)
-                timestamp_s = row[0]
-                rows.append(row)
-            lifeline.word()
-            time.sleep(ROW_POLL_S)
-        if len(rows) == ROWS:
-            column = COLUMN["actual_tool_accelerometer"]
-            rows[-1][column] = np.mean([row[column] for row in rows], axis=0)
-            outbox.row(rows[-1])
-            leave(0)
-        outbox.message("lost", text="the RTDE connection was lost")
-    except (RuntimeError, TornRow) as error:
-        outbox.message("lost", text=f"RTDE: {error}")
-    leave(1)
-
-
-if __name__ == "__main__":
-    main()
+        while len(rows) < ROWS and (left_s := until - time.monotonic()) > 0.0:
+            for frame in session.frames(left_s):
+                if isinstance(frame, dict):
+                    return None  # the connection was lost
+                if not rows or frame[0] != rows[-1][0]:
+                    rows.append(frame)
+    except SessionEnded:
+        return None
+    finally:
+        session.end()
+    if len(rows) < ROWS:
+        return None
+    accelerometer = COLUMN["actual_tool_accelerometer"]
+    last = rows[-1].copy()
+    last[accelerometer] = np.mean([row[accelerometer] for row in rows[-ROWS:]], axis=0)
+    return arm_state(last)

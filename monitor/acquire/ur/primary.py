@@ -11,6 +11,7 @@ import time
 from typing import NamedTuple
 
 from monitor.acquire.state import JointLimits
+from monitor.acquire.ur.packages import LONGEST, take_packages
 
 PORT = 30001
 ROBOT_STATE, CONFIGURATION = 16, 6  # type of a message, type of a package within it
@@ -20,7 +21,6 @@ KIND = struct.Struct(">i")  # of arm; after the limits, four defaults, a radius,
 KIND_AT = PAIRS.size + 8 * (4 + 1 + 4 * JOINTS) + 2 * 4
 KINDS = {1: "UR5", 2: "UR10", 3: "UR3", 4: "UR16", 5: "UR18", 6: "UR8LONG", 7: "UR20", 8: "UR30", 9: "UR15"}  # the manufacturer's numbers
 HEAD = struct.Struct(">iB")  # length with this head, type
-LONGEST_MESSAGE = 65_536  # bytes; a state has about 1500
 WITHIN_S = 0.5  # the first state comes within 0.1 s of the connection
 
 
@@ -34,22 +34,16 @@ class Configured(NamedTuple):
 def configured(host: str, within_s: float = WITHIN_S) -> Configured:
     """What the controller's configuration data say; nothing where none come within that time."""
     until = time.monotonic() + within_s
-    waiting = b""
+    waiting = bytearray()
     try:
         with socket.create_connection((host, PORT), timeout=within_s) as connection:
             while (left_s := until - time.monotonic()) > 0.0:
                 connection.settimeout(left_s)
-                data = connection.recv(LONGEST_MESSAGE)
+                data = connection.recv(LONGEST)
                 if not data:
                     return Configured()
                 waiting += data
-                while len(waiting) >= HEAD.size:
-                    length, kind = HEAD.unpack_from(waiting)
-                    if not HEAD.size <= length <= LONGEST_MESSAGE:
-                        return Configured()
-                    if len(waiting) < length:
-                        break
-                    message, waiting = waiting[HEAD.size : length], waiting[length:]
+                for kind, message in take_packages(waiting, HEAD):
                     if kind == ROBOT_STATE and (found := configured_in_state(message)):
                         return found
     except OSError:

@@ -61,6 +61,11 @@ class Child:
         with contextlib.suppress(OSError):
             self._process.stdin.write(word.encode() + b"\n")
 
+    def wait(self, timeout_s: float) -> None:
+        """Wait until `frames` has something, at most so long."""
+        if self._pipe is not None:
+            select.select([self._pipe], [], [], timeout_s)
+
     def frames(self, timeout_s: float) -> Iterator[Array | dict[str, Any]]:
         """Rows (WIDTH,) and messages that have come, after waiting up to timeout_s for the first.
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from monitor.acquire.ur.packages import take_packages
 from monitor.errors import RobotUnreachable
 from monitor.recording import Array
 
@@ -27,23 +28,37 @@ def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float
 
     Raises RobotUnreachable where the controller does not answer as the protocol says, within timeout_s.
     """
+    rows = _payloads(host, variables, "VECTOR6D", count=count, rate_hz=rate_hz, timeout_s=timeout_s)
+    return (
+        None if rows is None else np.array([[VECTOR6D.unpack_from(row, VECTOR6D.size * k) for k in range(len(variables))] for row in rows])
+    )
+
+
+def output_integers(host: str, registers: tuple[int, ...], timeout_s: float = 1.0) -> tuple[int, ...] | None:
+    """What stands in these output registers of integers; None where the controller has one of them not. Raises RobotUnreachable."""
+    variables = tuple(f"output_int_register_{register}" for register in registers)
+    rows = _payloads(host, variables, "INT32", count=1, rate_hz=10.0, timeout_s=timeout_s)
+    return None if rows is None else struct.unpack_from(f">{len(registers)}i", rows[0])
+
+
+def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, rate_hz: float, timeout_s: float) -> list[bytes] | None:
+    """`count` rows of variables of one kind, as they come; None where the controller does not report one of them so.
+
+    Raises RobotUnreachable.
+    """
     until = time.monotonic() + timeout_s
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
             packages = _packages(connection, until)
-            _send(connection, VERSION, struct.pack(">H", 2))
+            send(connection, VERSION, struct.pack(">H", 2))
             _answer(packages, VERSION)
-            _send(connection, OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode())
+            send(connection, OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode())
             recipe = _answer(packages, OUTPUTS)
-            if recipe[1:].decode("ascii", "replace").split(",") != ["VECTOR6D"] * len(variables):
+            if recipe[1:].decode("ascii", "replace").split(",") != [kind] * len(variables):
                 return None
-            _send(connection, START, b"")
+            send(connection, START, b"")
             _answer(packages, START)
-            rows: list[list[tuple[float, ...]]] = []
-            while len(rows) < count:
-                row = _answer(packages, ROW)[1:]
-                rows.append([VECTOR6D.unpack_from(row, VECTOR6D.size * k) for k in range(len(variables))])
-            return np.array(rows)
+            return [_answer(packages, ROW)[1:] for _ in range(count)]
     except (OSError, struct.error) as error:
         raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
 
@@ -52,29 +67,23 @@ def software_of(host: str, timeout_s: float = 1.0) -> str | None:
     """The version of the controller's software, for example "10.12.0.5"; None where it does not answer as the protocol says."""
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
-            _send(connection, SOFTWARE, b"")
+            send(connection, SOFTWARE, b"")
             numbers = NUMBERS.unpack_from(_answer(_packages(connection, time.monotonic() + timeout_s), SOFTWARE))
     except (OSError, struct.error):
         return None
     return ".".join(map(str, numbers))
 
 
-def _send(connection: socket.socket, kind: int, payload: bytes) -> None:
+def send(connection: socket.socket, kind: int, payload: bytes) -> None:
+    """Send one package."""
     connection.sendall(HEAD.pack(HEAD.size + len(payload), kind) + payload)
 
 
 def _packages(connection: socket.socket, until: float) -> Iterator[tuple[int, bytes]]:
     """Type and payload of every package, as they come."""
-    waiting = b""
+    waiting = bytearray()
     while True:
-        while len(waiting) >= HEAD.size:
-            length, kind = HEAD.unpack_from(waiting)
-            if length < HEAD.size:
-                raise OSError("a package without a head")
-            if len(waiting) < length:
-                break
-            yield kind, waiting[HEAD.size : length]
-            waiting = waiting[length:]
+        yield from take_packages(waiting, HEAD)
         left_s = until - time.monotonic()
         if left_s <= 0.0:
             raise OSError("no answer in time")

@@ -9,7 +9,7 @@ import gc
 import ipaddress
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,8 @@ from monitor.acquire.ur.job import task_from_document
 from monitor.acquire.ur.streaming import borrow
 from monitor.acquire.ur.streaming.arm import UNWATCHED_S, Arm
 from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
+from monitor.acquire.ur.streaming.upload import leave_nothing_behind, start_program
+from monitor.acquire.ur.streaming.watchdog import prove_watchdog
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
@@ -112,10 +114,15 @@ def _band(task: ReplayTask, row: Array) -> TorqueBand:
 
 
 def _wait_for_go(arm: Arm, rows: list[Array]) -> Array:
-    """Report the state to the parent until it says `go`; the last row (WIDTH,). Raises Stopped where it says `stop`."""
+    """Report the state to the parent until it says `go`; the last row (WIDTH,).
+
+    Raises Stopped where it says `stop`, and where it says nothing while a program waits for its arm.
+    """
     arm.outbox.message("phase", phase="ready", duration_s=0.0)
     reported_at = 0.0
     while not arm.may_go:
+        if arm.node is not None and arm.unheard_s > borrow.ABSENT_S:
+            raise Stopped("late")  # nobody would ever say `go`, and the program waits for its arm
         if arm.seen_at - reported_at > STATE_EVERY_S:
             row, column = rows[-1].copy(), COLUMN["actual_tool_accelerometer"]
             row[column] = np.mean([each[column] for each in rows], axis=0)  # a single reading of an accelerometer is noisy
@@ -138,9 +145,9 @@ def take_control(arm: Arm) -> Array:
         return _take_lent_control(arm)
     _raise_if_asked_to_stop(arm)
     arm.outbox.message("phase", phase="control", duration_s=0.0)
-    arm.start_program()
-    arm.prove_watchdog()
-    arm.start_program()
+    start_program(arm)
+    prove_watchdog(arm)
+    start_program(arm)
     arm.control.end_uploads()
     arm.wait_for_full_speed()
     return arm.begin()
@@ -307,14 +314,19 @@ def main() -> None:
         leave(0)
     except StreamFailure as failure:
         explained = failure if arm is None else arm.explained(failure)
+        if arm is not None:
+            with suppress(StreamFailure):
+                leave_nothing_behind(arm, failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
         ended = arm is None or not arm.program_sent
         outbox.message("failed", cause=explained.cause, found=failure.cause, text=str(explained), ended=ended, ours=failure.ours)
-    except Stopped:
-        cause = "parent_asked_to_stop" if arm is None else arm.asked_to_stop
-        why = f"the monitor's own process said nothing for {UNWATCHED_S:g} s" if cause == "late" else "stopped on request"
+    except Stopped as stopped:
+        cause = (stopped.args or ("parent_asked_to_stop",))[0] if arm is None else arm.asked_to_stop
+        silence_s = borrow.ABSENT_S if arm is None else UNWATCHED_S  # before and after `go`
+        why = f"the monitor's own process said nothing for {silence_s:g} s" if cause == "late" else "stopped on request"
         ended = arm is None or arm.node is None or not arm.program_sent  # a lent arm away from its place is not given back
         where = "the program has its arm back" if arm is not None and arm.node is not None and ended else "the arm stands"
+        where = "nothing has moved" if arm is None else where
         outbox.message("failed", cause=cause, text=f"{why}; {where}", ended=ended)
     except RobotUnreachable as error:
         outbox.message("unreachable", text=str(error))

@@ -14,8 +14,9 @@ import numpy as np
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.band.torque_band import TorqueBand
-from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, RUNTIME_STOPPED, RUNTIME_STOPPING, STANDSTILL_RAD_S, arm_state
+from monitor.acquire.state import RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
+from monitor.acquire.ur.program_messages import ProgramMessages
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.acquire.ur.streaming.control import STANDING_S, Control
 from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
@@ -33,10 +34,6 @@ SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is susp
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
 ANSWER_S, ANSWER_TICKS = 0.05, 5.0  # our program answers two to four ticks after its start; the larger of both is the limit
-ALONE_S = 0.12  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
-START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
-WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
-WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
 SPEED_RISE_S = 1.0  # after the start of a program the trajectory limiter reports 0 for 4 to 20 ms
 MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and its first target would take an unproved path
 UNWATCHED_S = 0.5  # without a word from the parent, which says one every 0.1 s: it is stopped, or hangs, or has no processor time
@@ -71,6 +68,8 @@ class Arm:
         self.step_s = 0.0  # controller's time between the last two rows
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
         self.program_sent = False  # a program of ours may run
+        self.messages = ProgramMessages()  # which programs start and end; `connect_control` begins to read them
+        self.in_doubt = False  # another program than ours may be what plays
         self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
         self.bring_back = False  # asked so that a lent arm may go back over the way it came, and be given back
         self._heard_at = time.monotonic()  # when the parent last said anything
@@ -100,6 +99,8 @@ class Arm:
         """
         if self.settings.lent is not None:
             self.node = Node(self.settings.host, self.receive)
+        else:
+            self.messages = ProgramMessages.of(self.settings.host)
         self.control = Control(self.settings.host, self.settings.rate_hz, lent=self.node is not None)
         self.note_busy()  # the constructor takes some tenths of a second
         self.control.report()
@@ -109,82 +110,28 @@ class Arm:
         self.next_row()
         return self.next_row()
 
-    def start_program(self) -> None:
-        """Send the control program over nothing that runs, and wait until it runs.
-
-        A program that somebody starts between the last look and the beginning of ours is replaced by ours; nothing can prevent that. But it
-        is noticed: ours stands still and runs without a pause, so the rows of ALONE_S from the first beginning on are looked through.
-        Raises StreamFailure.
-        """
-        control = self._control
-        runtime = arm_state(self.fresh_row()).runtime_state
-        if runtime != RUNTIME_STOPPED:
-            raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
-        if control.program_runs():
-            raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
-        self.program_sent = True
-        if not control.upload():
-            raise StreamFailure("no_control", "the control program could not be sent")
-        self.note_busy()
-        sent_s, begun_s = self.seen_at, None  # begun_s: on the controller's clock
-        while True:
-            row = self.next_row()
-            state = arm_state(row)
-            if failure := state_failure(state, self.settings, self.payload_kg, playing=False, up_to_speed=False):
-                raise failure
-            if state.runtime_state == RUNTIME_PLAYING:
-                begun_s = float(row[0]) if begun_s is None else begun_s
-                if np.max(np.abs(state.target_qd)) > STANDSTILL_RAD_S:
-                    raise StreamFailure("no_control", "a program moved the arm before ours did: somebody else's was started", ours=False)
-                if row[0] - begun_s >= ALONE_S and control.program_runs():
-                    return
-            elif begun_s is not None or state.runtime_state != RUNTIME_STOPPED:
-                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
-                raise StreamFailure("no_control", f"the program is {name} after its upload: somebody else's was started", ours=False)
-            if self.seen_at - sent_s > START_S:
-                raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s")
-
-    def _set_watchdog(self) -> None:
+    def set_watchdog(self) -> None:
         """Set the watchdog; only our program acknowledges it. From now on a target must come in time.
 
         Raises StreamFailure where it is not acknowledged, or so late that somebody else's program must have run until then.
         """
         since_s = time.monotonic()
         if not self._control.set_watchdog(self.settings.watchdog_hz):
-            raise StreamFailure("no_watchdog", "the controller did not accept the watchdog")
+            raise self._not_watched()
         self.note_busy()
         took_s = self.seen_at - since_s
         if took_s > max(ANSWER_S, ANSWER_TICKS * self.tick_s):
             text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
             raise StreamFailure("no_control", text)
 
-    def prove_watchdog(self) -> None:
-        """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
-
-        Raises StreamFailure where the program goes on, or ends for another reason.
-        """
-        self._set_watchdog()
-        period_s = 1.0 / self.settings.watchdog_hz
-        row = self.next_row()
-        since_s, state = float(row[0]), arm_state(row)
-        while state.runtime_state == RUNTIME_PLAYING:
-            if row[0] - since_s > period_s + WATCHDOG_LATE_S:
-                raise StreamFailure("no_watchdog", f"without targets the program went on for {row[0] - since_s:.2f} s")
-            if failure := state_failure(state, self.settings, self.payload_kg, up_to_speed=False):
-                raise failure
-            row = self.next_row()
-            state = arm_state(row)
-        took_s = row[0] - since_s
-        if took_s < WATCHDOG_EARLY_SHARE * period_s - self.tick_s:
-            text = f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s"
-            raise StreamFailure("program_stopped", text, ours=False)  # what plays from now on is another
-        while state.runtime_state != RUNTIME_STOPPED or self._control.program_runs():
-            if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
-                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
-                raise StreamFailure("no_watchdog", f"without targets the program is {name}; expected stopped")
-            row = self.next_row()
-            state = arm_state(row)
-        self.program_sent = False
+    def _not_watched(self) -> StreamFailure:
+        """Why the watchdog was not accepted: our program has ended, or another has taken its place, or it is there and refuses."""
+        failure = self.refusal()
+        if self.receive.getRuntimeState() in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
+            self.program_sent = False  # it was seen to run before: it has ended, and what runs next is another
+        if failure.cause == "servo_refused":
+            failure = StreamFailure("no_watchdog", "the controller did not accept the watchdog", ours=self.messages.open)
+        return self.replaced() or failure
 
     def wait_for_full_speed(self) -> None:
         """Wait until the controller's own limiter lets the program play at full speed. Raises StreamFailure where it does not."""
@@ -208,7 +155,7 @@ class Arm:
             j = int(np.argmax(moved))
             raise StreamFailure("no_control", f"{joint_text(j + 1)} was moved by {moved[j]:.3f} rad since the way to the start was proved")
         if self.node is None:  # a watchdog would outlive the node, and stop the program after it; the node has a guard of its own
-            self._set_watchdog()
+            self.set_watchdog()
         self.recent.append(begin_q)
         self.note_busy()
         self.gaps.clear()  # proofs and the upload took their time before anything moved
@@ -221,6 +168,11 @@ class Arm:
         self._moving = False
         self._control.report_every(STANDING_S)
 
+    @property
+    def unheard_s(self) -> float:
+        """For how long the parent has said nothing."""
+        return time.monotonic() - self._heard_at
+
     def beats(self) -> AbstractContextManager[None]:
         """Let a lent arm, which stands, be known as watched while this process computes."""
         return nullcontext() if self.node is None else self.node.beating()
@@ -229,6 +181,11 @@ class Arm:
     def _control(self) -> Control:
         assert self.control is not None
         return self.control
+
+    @property
+    def _cut(self) -> bool:
+        """Whether one of the connections has come to its end."""
+        return not self.receive.isConnected() or (self.control is not None and not self.control.connected)
 
     def count_cycle(self, advance_s: float) -> None:
         """Count the ticks that this cycle missed, and the time by which the motion fell behind because it advanced by advance_s only."""
@@ -248,7 +205,7 @@ class Arm:
             longest_s = max(longest_s, now - self._checked_at)
             self.gaps.add(now, now - self._checked_at)
             self._checked_at = now
-            if not self.receive.isConnected() or (self.control is not None and not self.control.connected):
+            if self._cut:
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
             if self._moving and now - before_s >= limit_s:
                 raise gap_failure(now - before_s, longest_s, limit_s)
@@ -301,7 +258,7 @@ class Arm:
         """
         self._listen_to_parent()
         settings = self.settings
-        failure = state_failure(arm_state(row), settings, self.payload_kg) or self._node_failure()
+        failure = self.replaced() or state_failure(arm_state(row), settings, self.payload_kg) or self._node_failure()
         failure = failure or self._tracking.failure(
             row[COLUMN["actual_q"]],
             row[COLUMN["target_q"]],
@@ -336,6 +293,13 @@ class Arm:
         self.recent.append(target)
         row[COLUMN["commanded_q"]] = target
 
+    def replaced(self) -> StreamFailure | None:
+        """The failure where another program has started since ours did; None where the controller tells none."""
+        if not (names := self.messages.started()):
+            return None
+        self.program_sent = False  # a controller runs one program: ours has ended
+        return StreamFailure("program_stopped", f"somebody else's program {names[-1]!r} was started in the place of ours", ours=False)
+
     def _node_failure(self) -> StreamFailure | None:
         """Why a lent arm must stop: the node does not lend it any longer, or its guard does not watch it; None where all is in order."""
         if self.node is None:
@@ -364,32 +328,40 @@ class Arm:
         if self.control is None or now - self._told_at <= SIGN_OF_LIFE_S:
             return
         self._told_at = now
-        if self._moving:
+        if self._moving or self.in_doubt:
             self.outbox.waiting()
         else:
             self.outbox.alive()
 
     def explained(self, failure: StreamFailure) -> StreamFailure:
         """The failure by its true cause: `late` where targets came late just before it, because of this process or the network."""
+        if not self.recent:
+            return failure  # no target was due yet
         return self.gaps.explain(failure, time.monotonic(), tick_s=self.tick_s, watchdog_s=1.0 / self.settings.watchdog_hz)
 
     def refusal(self) -> StreamFailure:
-        """Why a command was refused. The next rows say so; reading what was received sends nothing to the controller."""
+        """Why a command was refused. The next rows say so; reading what was received sends nothing to the controller.
+
+        A program that ends because its connection was cut was not stopped by anybody.
+        """
         for _ in range(REASON_READS):
             time.sleep(REASON_PAUSE_S)
             try:
                 row, _ = read_row(self.receive, self.signals)
             except (TornRow, RuntimeError):
                 break
-            if failure := state_failure(arm_state(row), self.settings, self.payload_kg):
+            failure = state_failure(arm_state(row), self.settings, self.payload_kg)
+            if failure is not None and not (failure.cause == "program_stopped" and self._cut):
                 return failure
+        if self._cut:
+            return StreamFailure("connection_lost", "the controller closed the RTDE connection")
         return StreamFailure("servo_refused", "the control program did not take the target")
 
     def _listen_to_parent(self) -> None:
         word = self.lifeline.word()
         if word is not None:
             self._heard_at = time.monotonic()
-        elif self._moving and self.asked_to_stop is None and time.monotonic() - self._heard_at > UNWATCHED_S:
+        elif self._moving and self.asked_to_stop is None and self.unheard_s > UNWATCHED_S:
             self.asked_to_stop = "late"  # the parent asks whether motion is still allowed: without it nobody does
         if word in {"stop", "back"}:
             self.asked_to_stop, self.bring_back = "parent_asked_to_stop", word == "back"

@@ -15,7 +15,7 @@ from monitor.acquire.safety import guard
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, arm_state
 from monitor.acquire.ur.streaming.arm import Arm
-from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
+from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.streaming.node import NO_NUMBER, Node
 from monitor.errors import MotionRefused
 from monitor.model.joint_names import joint_text
@@ -26,6 +26,10 @@ GIVEN_BACK = frozenset({"speed_scaling", "payload", "joint_temperature"})  # bef
 QUIET_S = 2.0  # while the node is waited for, the controller may send nothing for so long; ur-rtde gives up after 2.5 s
 ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; it takes some ticks
 GUARD_S = 0.3  # the guard of a node that was taken repeats beats within that time
+ABSENT_S = 3.0  # a parent that says nothing for so long, ten times as long as it ever computes, is stopped or hangs
+ABSENT = "the monitor's own process says nothing"
+GONE_ON = "the program went on before the arm was taken"
+DEAF = "the program's node neither lends the arm nor goes on; does the program play, or is it paused there?"
 GONE_ON_S = 0.3  # so long the program is watched after it got its arm back: a watchdog that was left behind would stop it after 0.1 s
 
 
@@ -44,7 +48,7 @@ def take(arm: Arm, known: ConditionInputs) -> None:
     assert lent is not None
     arm.outbox.message("phase", phase="node", duration_s=lent.wait_s)
     node.say_due(True)
-    until, number, why = time.monotonic() + lent.wait_s, None, ""
+    until, number, deaf, why = time.monotonic() + lent.wait_s, None, None, ""
     while True:
         row = _row_in_time(arm)
         if arm.asked_to_stop:
@@ -54,11 +58,11 @@ def take(arm: Arm, known: ConditionInputs) -> None:
         if number is not None and offered != number:  # the program has gone on
             arm.outbox.message("passed_by", text=why)
             number = None
-        if offered is not None:
-            number, why = offered, _why_not(row, known)
-            if not why and _takes(arm, offered):
+        if offered is not None and offered != deaf:
+            number, why = offered, _why_not(arm, row, known)
+            if not why and not (why := _not_taken(arm, offered)):
                 return
-            why = why or "the program went on before the arm was taken"
+            deaf = offered if why == DEAF else None
         if time.monotonic() > until:
             leave_alone(arm)
             last = f"; at the last one: {why}" if why else "; is there a node in the program, and does it play?"
@@ -79,8 +83,10 @@ def _row_in_time(arm: Arm) -> Array:
             arm.control.report()
 
 
-def _why_not(row: Array, known: ConditionInputs) -> str:
+def _why_not(arm: Arm, row: Array, known: ConditionInputs) -> str:
     """Why the arm is not taken in this state; empty where every condition holds."""
+    if arm.unheard_s > ABSENT_S:
+        return ABSENT
     try:
         guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
     except MotionRefused as refusal:
@@ -88,24 +94,27 @@ def _why_not(row: Array, known: ConditionInputs) -> str:
     return ""
 
 
-def _takes(arm: Arm, number: int) -> bool:
-    """Ask for the arm that is offered under this number; False where the program has gone on instead.
+def _not_taken(arm: Arm, number: int) -> str:
+    """Ask for the arm that is offered under this number: why it was not taken; empty once it is ours.
 
-    Raises StreamFailure where the node says neither.
+    Until the node has answered nobody knows whether its program would end with this process: the parent is told so before. Raises
+    StreamFailure.
     """
     node, begin_s = node_of(arm), time.monotonic()
+    arm.program_sent = True  # from now on the program may end unless it gets its arm back
+    arm.outbox.message("asking", number=number)
     node.take(number)
     while not node.taken:
-        if node.offered != number and time.monotonic() - begin_s > ANSWER_S / 10 and not node.taken:
+        gone_on = node.offered != number and time.monotonic() - begin_s > ANSWER_S / 10 and not node.taken
+        if gone_on or time.monotonic() - begin_s > ANSWER_S:
             node.let_go()
-            return False
-        if time.monotonic() - begin_s > ANSWER_S:
-            raise StreamFailure("no_control", "the program's node neither lends the arm nor goes on")
+            arm.program_sent = False
+            arm.outbox.message("not_taken")
+            return GONE_ON if gone_on else DEAF
         arm.next_row()
-    arm.program_sent = True  # from now on the program ends unless it gets its arm back
     arm.outbox.message("taken", number=number)
     node.taken_q = arm.next_row()[COLUMN["target_q"]].copy()
-    return True
+    return ""
 
 
 def prove_guard(arm: Arm) -> None:
@@ -155,6 +164,7 @@ def give_back(arm: Arm) -> None:
             raise StreamFailure("astray", f"{joint_text(j + 1)} is {1000.0 * away[j]:.1f} mrad from where the arm was taken")
     if not node.taken:
         raise StreamFailure("program_stopped", f"the program's node has taken the arm back before it was given (state {node.state})")
+    arm.outbox.message("giving_back")
     node.say_due(False)
     node.let_go()
     _wait_until_taken_back(arm, node)
@@ -173,7 +183,9 @@ def _wait_until_taken_back(arm: Arm, node: Node) -> None:
     """Wait for the node's word that the arm is no longer ours. Raises StreamFailure where it does not come."""
     begin_s = arm.seen_at
     while node.taken:
-        runtime = arm_state(arm.next_row()).runtime_state
-        if runtime != RUNTIME_PLAYING or arm.seen_at - begin_s > ANSWER_S:
-            name = RUNTIME_STATES.get(runtime, "unknown")
-            raise StreamFailure("program_stopped", f"the program is {name} and did not take its arm back")
+        state = arm_state(arm.next_row())
+        if state.runtime_state != RUNTIME_PLAYING or arm.seen_at - begin_s > ANSWER_S:
+            name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+            why = state_failure(state, arm.settings, playing=False, up_to_speed=False)  # a safety stop pauses the program
+            text = f"the program is {name} and did not take its arm back"
+            raise StreamFailure("program_stopped", text) if why is None else StreamFailure(why.cause, f"{why}; {text}")

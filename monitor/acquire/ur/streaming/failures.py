@@ -26,7 +26,7 @@ class StreamFailure(Exception):
 
 
 class Stopped(Exception):
-    """A stop was asked for, and the arm stands."""
+    """A stop was asked for, and the arm stands. Its argument is the cause where that is not the request."""
 
 
 def state_failure(

@@ -1,0 +1,67 @@
+"""Whether a replay is needed, where the arm's ordinary work is observed: `[schedule] replay = "when_needed"`.
+
+A replay is needed while the arm is learnt, where evidence asks for one, of a joint of which nothing was told for long, and after
+`at_most_days` in any case. The windows stay those of the schedule: one that opens while no replay is needed is left out.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import Window
+from monitor.recording import DAY_S
+
+ALWAYS, WHEN_NEEDED = "always", "when_needed"
+
+
+class Told(NamedTuple):
+    """What replays and work have told of the arm so far."""
+
+    began_unix_s: float | None = None  # the first window; None: there was none
+    replayed_unix_s: float | None = None  # the last replay that was learned from; None: there was none
+    joints_unix_s: tuple[float, ...] = ()  # (J,) when each joint was told of last, by a replay or by work
+    asks: tuple[int, ...] = ()  # joints (from 1) of which work alone has found wear
+    suspects: tuple[int, ...] = ()  # joints (from 1) of which work makes wear likely
+
+
+class Need(NamedTuple):
+    """From when a replay is needed, and why."""
+
+    from_unix_s: float  # −∞: now
+    why: str
+
+    def at(self, unix_s: float) -> bool:
+        """Whether it is needed at that time."""
+        return self.from_unix_s <= unix_s
+
+
+def need(settings: ScheduleSettings, told: Told) -> Need:
+    """From when the next replay is needed."""
+    if settings.replay == ALWAYS:
+        return Need(-math.inf, "every window")
+    if told.began_unix_s is None or told.replayed_unix_s is None or not told.joints_unix_s:
+        return Need(-math.inf, "nothing is learnt yet")
+    learnt_by = told.began_unix_s + DAY_S * settings.learning_days
+    if told.replayed_unix_s < learnt_by:
+        return Need(-math.inf, f"the first {settings.learning_days:g} days, in which the arm is learnt")
+    if told.asks:
+        return Need(-math.inf, f"work alone has found wear of {_joints(told.asks)}: a replay shall confirm it")
+    if told.suspects:
+        return Need(-math.inf, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
+    last = told.replayed_unix_s + DAY_S * settings.at_most_days
+    oldest = min(told.joints_unix_s)
+    untold = oldest + DAY_S * settings.untold_days
+    if untold < last:
+        joints = [j + 1 for j, at in enumerate(told.joints_unix_s) if at + DAY_S * settings.untold_days <= max(untold, oldest) + DAY_S]
+        return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.untold_days:g} days a replay is needed")
+    return Need(last, f"{settings.at_most_days:g} days after the last replay")
+
+
+def needed_windows(windows: Sequence[Window], needed: Need) -> list[Window]:
+    """The windows in which a replay is needed, as far as can be told now: of those that need one, each needs it until a replay."""
+    return [window for window in windows if needed.at(window.closes_unix_s) or window.why == "evidence"]
+
+
+def _joints(numbers: Sequence[int]) -> str:
+    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"

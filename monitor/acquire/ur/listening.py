@@ -1,0 +1,217 @@
+"""Listening to an arm by a plain socket that is never waited for: RTDE rows, received only.
+
+A daemon listens for years, beside many others on its host. ur-rtde needs a process with an interpreter and numpy of its own, and a thread
+that wakes a thousand times a second; this needs a socket. What moves an arm and what records every tick are ur-rtde's.
+
+The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
+"""
+
+import errno
+import os
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from concurrent import futures
+from typing import Any
+
+import numpy as np
+
+from monitor.acquire.driver import SessionEnded
+from monitor.acquire.rows import COLUMN, WIDTH
+from monitor.acquire.ur.address import is_address, looked_up
+from monitor.acquire.ur.packages import take_packages
+from monitor.acquire.ur.rtde_rows import HEAD, OUTPUTS, PORT, ROW, START, VERSION, send
+from monitor.acquire.ur.signals import SIGNALS, Signal
+from monitor.recording import Array
+
+TYPES = {  # of the guide, and the format of each in network order
+    "BOOL": "?",
+    "UINT8": "B",
+    "UINT32": "I",
+    "UINT64": "Q",
+    "INT32": "i",
+    "DOUBLE": "d",
+    "VECTOR3D": "3d",
+    "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+    "VECTOR6UINT32": "6I",
+}
+ABSENT = "NOT_FOUND"  # in the place of a type: this controller does not report the variable
+READ_BYTES = 65_536
+MOST_WAITING = 1 << 20  # bytes read in one call; the rest comes with the next
+
+
+class Unanswered(Exception):
+    """The controller does not answer as the protocol says."""
+
+
+class Recipe:
+    """What the bytes of a row mean, as the controller has answered."""
+
+    def __init__(self, signals: tuple[Signal, ...], answer: bytes) -> None:
+        """`answer` : number of the recipe and the types of its variables. Raises Unanswered where a type does not fit its variable."""
+        types = answer[1:].decode("ascii", "replace").split(",")
+        if len(types) != len(signals):
+            raise Unanswered(f"{len(types)} types for {len(signals)} variables")
+        self.absent = tuple(signal for signal, kind in zip(signals, types, strict=True) if kind == ABSENT)
+        places: list[int] = []
+        optional: list[bool] = []
+        formats = [">B"]
+        for signal, kind in zip(signals, types, strict=True):
+            if kind == ABSENT:
+                continue
+            column = COLUMN[signal.variable]
+            if kind not in TYPES or len(struct.unpack(f">{TYPES[kind]}", bytes(struct.calcsize(f">{TYPES[kind]}")))) != signal.width:
+                raise Unanswered(f"{signal.variable} is {kind}; expected {signal.width} numbers")
+            formats.append(TYPES[kind])
+            places += range(column.start, column.stop)
+            optional += [signal.optional] * signal.width
+        self._struct = struct.Struct("".join(formats))
+        self._places, self._optional = np.array(places), np.array(optional)
+
+    def row(self, payload: bytes, received_monotonic_s: float) -> Array:
+        """One row (WIDTH,). In it NaN means "not reported"; an optional value that is no number is inf. Raises Unanswered."""
+        if len(payload) != self._struct.size:
+            raise Unanswered(f"a row of {len(payload)} bytes; expected {self._struct.size}")
+        values = np.array(self._struct.unpack(payload)[1:], float)
+        values[np.isnan(values) & self._optional] = np.inf
+        row = np.full(WIDTH, np.nan)
+        row[self._places] = values
+        row[COLUMN["host_monotonic_s"]] = received_monotonic_s
+        return row
+
+
+class Listening:
+    """One connection, as a `Session` without a process. Nothing in it waits, unless `frames` is asked to."""
+
+    printed = ""  # no library prints
+
+    def __init__(self, host: str, rate_hz: float, port: int = PORT) -> None:
+        """Begin to connect. What goes wrong comes as a message, like everything else."""
+        self._host, self._rate_hz, self._port = host, rate_hz, port
+        self._socket: socket.socket | None = None
+        self._recipe: Recipe | None = None
+        self._looked_up: futures.Future[str] | None = None  # the address of a host's name, while it is asked for
+        self._connect(SIGNALS)
+
+    def send(self, word: str) -> None:
+        """Without effect: a session that only receives is told nothing."""
+
+    def end(self, patience_s: float = 0.0) -> int:  # noqa: ARG002 - there is no process to wait for
+        """Close the connection; 0."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        return 0
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until `frames` has something, at most so long."""
+        if self._looked_up is not None:
+            futures.wait([self._looked_up], timeout_s)
+        elif self._socket is not None:
+            self._ready(timeout_s)
+
+    def frames(self, timeout_s: float) -> Iterator[Array | dict[str, Any]]:
+        """Rows (WIDTH,) that have come, oldest first; the last is a message `lost`. Raises SessionEnded after that."""
+        if self._socket is None:
+            raise SessionEnded("the connection has ended")
+        try:
+            yield from self._received(timeout_s)
+        except (OSError, struct.error, Unanswered) as error:
+            self.end()
+            why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            yield {"kind": "lost", "text": f"{self._host}: RTDE: {why}"}
+
+    def _connect(self, signals: tuple[Signal, ...]) -> None:
+        self.end()
+        self._signals, self._recipe, self._waiting, self._expected = signals, None, bytearray(), VERSION
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setblocking(False)
+        self._connecting = True
+        if is_address(self._host):
+            self._failed = self._socket.connect_ex((self._host, self._port))
+        else:  # a name server may take long to answer
+            self._looked_up = looked_up(self._host)
+
+    def _received(self, timeout_s: float) -> Iterator[Array]:
+        if self._looked_up is not None:
+            self.wait(timeout_s)
+            if self._looked_up.done():
+                found, self._looked_up = self._looked_up, None
+                assert self._socket is not None
+                self._failed = self._socket.connect_ex((found.result(), self._port))
+            return
+        if not self._ready(timeout_s):
+            return
+        if self._connecting:
+            self._connected()
+            return
+        now = time.monotonic()
+        ended, waiting = self._read(), self._waiting
+        for kind, payload in take_packages(waiting, HEAD):
+            if kind == ROW and self._recipe is not None:
+                yield self._recipe.row(payload, now)
+            elif kind == self._expected:
+                self._answered(payload)
+                if self._waiting is not waiting:  # it connects anew, and what came is of the connection before
+                    return
+        if ended:
+            raise Unanswered("the controller closed the connection")
+
+    def _ready(self, timeout_s: float) -> bool:
+        poll = select.poll()
+        poll.register(self._socket, select.POLLOUT if self._connecting else select.POLLIN)  # type: ignore[arg-type]
+        return bool(poll.poll(1000.0 * timeout_s))
+
+    def _connected(self) -> None:
+        assert self._socket is not None
+        failed = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if self._failed not in {0, errno.EINPROGRESS}:
+            failed = self._failed
+        if failed:
+            raise OSError(failed, os.strerror(failed))
+        self._connecting = False
+        self._send(VERSION, struct.pack(">H", 2))
+
+    def _read(self) -> bool:
+        """Take what has come; whether the connection has ended behind it."""
+        assert self._socket is not None
+        while len(self._waiting) < MOST_WAITING:
+            try:
+                data = self._socket.recv(READ_BYTES)
+            except BlockingIOError:
+                return False
+            if not data:
+                return True
+            self._waiting += data
+            if len(data) < READ_BYTES:
+                return False
+        return False
+
+    def _answered(self, payload: bytes) -> None:
+        """Take the answer that was expected, and ask what follows it."""
+        if self._expected == VERSION:
+            if payload[:1] != b"\x01":
+                raise Unanswered("the controller does not speak version 2 of the protocol")
+            names = ",".join(signal.variable for signal in self._signals)
+            self._send(OUTPUTS, struct.pack(">d", self._rate_hz) + names.encode())
+        elif self._expected == OUTPUTS:
+            recipe = Recipe(self._signals, payload)
+            if needed := [signal.variable for signal in recipe.absent if not signal.optional]:
+                raise Unanswered(f"the controller does not report {', '.join(needed)}")
+            if recipe.absent:  # the whole recipe is refused: a new one without them
+                self._connect(tuple(signal for signal in self._signals if signal not in recipe.absent))
+                return
+            self._recipe = recipe
+            self._send(START, b"")
+        else:
+            if payload[:1] != b"\x01":
+                raise Unanswered("the controller does not start to send")
+            self._expected = -1
+
+    def _send(self, kind: int, payload: bytes) -> None:
+        assert self._socket is not None
+        self._expected = kind
+        send(self._socket, kind, payload)

@@ -1,0 +1,48 @@
+"""When a replay is needed, where the arm's ordinary work is observed."""
+
+import math
+
+import pytest
+
+from monitor.acquire.schedule.needed import Need, Told, need, needed_windows
+from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import Window
+from monitor.errors import BadInput
+
+DAY = 86_400.0
+NOW = 1_780_272_000.0
+SETTINGS = ScheduleSettings(replay="when_needed", at_most_days=30.0, untold_days=7.0, learning_days=14.0)
+LEARNT = Told(NOW - 90 * DAY, NOW - 10 * DAY, (NOW,) * 6)
+
+
+@pytest.mark.parametrize(
+    ("told", "from_unix_s", "why"),
+    [
+        (Told(), -math.inf, "nothing is learnt yet"),
+        (LEARNT._replace(began_unix_s=NOW - 20 * DAY), -math.inf, "the first 14 days"),
+        (LEARNT._replace(asks=(2, 5)), -math.inf, "joints 2, 5"),
+        (LEARNT._replace(suspects=(3,)), -math.inf, "work makes wear of joint 3 likely"),
+        (LEARNT._replace(joints_unix_s=(NOW, NOW, NOW, NOW - 5 * DAY, NOW, NOW)), NOW + 2 * DAY, "enough of joint 4:"),
+        (LEARNT._replace(joints_unix_s=(NOW, -math.inf, NOW, NOW, NOW, NOW)), -math.inf, "enough of joint 2:"),
+        (LEARNT, NOW + 7 * DAY, "joints 1, 2, 3, 4, 5, 6"),
+        (LEARNT._replace(replayed_unix_s=NOW - 26 * DAY), NOW + 4 * DAY, "30 days after the last replay"),
+    ],
+)
+def test_a_replay_is_needed_from_the_first_reason_on(told, from_unix_s, why):
+    found = need(SETTINGS, told)
+    assert found.from_unix_s == from_unix_s
+    assert why in found.why
+
+
+def test_without_the_setting_every_window_needs_a_replay():
+    assert need(ScheduleSettings(), LEARNT) == Need(-math.inf, "every window")
+
+
+def test_a_window_of_evidence_is_needed_whatever_work_has_told():
+    windows = [Window(NOW, NOW, NOW + 600.0, why) for why in ("cron", "evidence")]
+    assert [window.why for window in needed_windows(windows, Need(NOW + DAY, "later"))] == ["evidence"]
+
+
+def test_a_joint_may_not_stay_untold_for_longer_than_the_arm_without_a_replay():
+    with pytest.raises(BadInput, match="untold_days"):
+        ScheduleSettings(replay="when_needed", at_most_days=5.0, untold_days=7.0)
