@@ -29,7 +29,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--polyscope", default=None, metavar="VERSION", help="version to report, e.g. 5.11.0")
     parser.add_argument("--protective-runtime", default=defaults.protective_runtime, choices=["paused", "stopped", "playing"])
     parser.add_argument("--personality", default=defaults.personality, choices=PERSONALITIES, help="what is published beside the motion")
+    parser.add_argument("--run-in", type=float, metavar="SHARE", help="what rest adds to friction, gone after some 15 s of motion")
     parser.add_argument("--program", metavar="FILE", help="production program that is loaded, as TOML")
+    parser.add_argument("--cell", metavar="NAME", help="production cell around the arm, whose program plays")
     parser.add_argument("--control-script", default=defaults.control_script, choices=CONTROL_SCRIPTS, help="how ur-rtde's script is played")
     parser.add_argument(
         "--home", metavar="Q1,…,Q6", help="joint positions at the start [rad]; as --home=…, since they may begin with a minus"
@@ -54,6 +56,8 @@ def main(arguments: list[str] | None = None) -> int:
             protective_runtime=given.protective_runtime,
             personality=given.personality,
             control_script=given.control_script,
+            run_in=given.run_in,
+            cell=given.cell,
             program=None if given.program is None else load_tree(Path(given.program)),
             home_rad=numbers("--home", given.home),
             remote_control=not given.local_control,

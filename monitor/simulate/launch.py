@@ -23,6 +23,13 @@ def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
     if scenario is not None and scenario.room is not None and given.get("ambient_c") is None:
         chosen["ambient_c"] = scenario.room.at(scenario.started_s)
     settings = SimulateSettings(**chosen, scenario=scenario)
+    if settings.cell is not None:
+        from monitor.simulate.cells.catalogue import cell  # pinocchio is slow to import
+        from monitor.simulate.cells.cell import in_cell
+
+        if any(given.get(name) is not None for name in ("payload_kg", "home_rad")):
+            raise BadInput(f"simulate: the cell {settings.cell} has its own tool and its own first place; give no payload and no home")
+        settings = in_cell(settings, cell(settings.cell, settings.arm, settings.seed))
     if scenario is None:
         return settings
     for event in scenario.events:
@@ -49,6 +56,7 @@ def announcement(settings: SimulateSettings) -> str:
     lines = [
         f"simulated {settings.robot}, {1.0 / settings.tick_s:.0f} Hz, PolyScope {version}, listening on {settings.bind}",
         f"  RTDE {RTDE_PORT}, {asked}, state and scripts {state}, commands {settings.command_port}",
+        *([] if settings.cell is None else [f"  cell {settings.cell}: its program plays"]),
         f"  scenario {scenario.name}: {scenario.about}" if scenario else "  no scenario: a fresh arm",
         f'  talk to it   RTDEReceiveInterface("{settings.bind}"), or host = "{settings.bind}" in a configuration',
         f"  make faults  joint-monitor simulate --bind {settings.bind} --fault 'stall seconds=2'",

@@ -39,8 +39,10 @@ class SimulateSettings:
     wear_per_revolution: tuple[float, ...] | None = None  # per joint, at rated load; None means that of a healthy arm
     remote_control: bool = True  # the dashboard's reply to `is in remote control`
     current_noise: float = 1.0  # multiplies the noise of the recorded arms
+    run_in: float = 0.0  # what rest adds to friction, gone after some 15 s of motion; 0.03 to 0.05 on a real UR10e
     scenario: Scenario | None = None  # the events and the room of this arm
     program: ProgramTree | None = None  # the production program that is loaded; it plays when somebody presses Play
+    cell: str | None = None  # the production cell around the arm, by its name in the catalogue; its program plays from the start
     personality: str = "ideal"  # what an arm publishes beside its motion: "ideal", or "recorded" as real arms were recorded
     control_script: str = "modelled"  # what plays ur-rtde's control script: its model, or the interpreter of URScript
     protective_runtime: str = "paused"  # what a protective stop does to the program; it is not documented for real controllers
@@ -64,6 +66,8 @@ class SimulateSettings:
             raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
         if self.personality not in PERSONALITIES:
             raise BadInput(f"simulate: personality = {self.personality!r}; expected {' or '.join(PERSONALITIES)}")
+        if self.cell is not None and self.program is not None:
+            raise BadInput(f"simulate: a cell ({self.cell}) and a program ({self.program.name}); expected one of them")
         if self.control_script not in CONTROL_SCRIPTS:
             raise BadInput(f"simulate: control_script = {self.control_script!r}; expected {' or '.join(CONTROL_SCRIPTS)}")
         for name, port, other in (("command_port", self.command_port, 30020), ("robot_api_port", self.robot_api_port, 8080)):
@@ -79,6 +83,8 @@ class SimulateSettings:
             raise BadInput(
                 f"simulate: payload_com_m = {self.payload_com_m!r}; expected x, y, z within ±{PAYLOAD_COM_MAX_M:g} m of the flange"
             )
+        if not 0.0 <= self.run_in <= 1.0:
+            raise BadInput(f"simulate: run_in = {self.run_in:g}; expected 0 … 1 of friction")
         if not 0.0 <= self.current_noise <= 100.0:
             raise BadInput(f"simulate: current_noise = {self.current_noise:g}; expected 0 … 100 times the recorded arms'")
         if not self.serial.isdigit():

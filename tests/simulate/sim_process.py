@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from prepared import Process
 
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting
@@ -25,7 +26,7 @@ class Spawned:
     def __init__(self, address: str, *arguments: str) -> None:
         self.address = address
         command = [sys.executable, "-m", "monitor.simulate", "--bind", address, *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = Process(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         ready, _, _ = select.select([self.process.stdout], [], [], START_S)
         line = self.process.stdout.readline() if ready else ""
         if not line.startswith("listening"):
@@ -68,6 +69,14 @@ def result_of(process: subprocess.Popen[str], timeout_s: float = 40.0) -> dict:
     out, err = process.communicate(timeout=timeout_s)
     assert process.returncode == 0, err
     return json.loads(out.strip().splitlines()[-1])
+
+
+def wait_for(process: subprocess.Popen[str], word: str) -> None:
+    """Read the client's output until a line contains the word. ur-rtde prints to the same stream."""
+    while line := process.stdout.readline():
+        if word in line:
+            return
+    raise AssertionError(process.stderr.read())
 
 
 def eventually(condition: Callable[[], bool], within_s: float) -> bool:

@@ -179,12 +179,20 @@ NOT_ON_3 = {"getTargetWaypoint", "payload shows", "getStepTime", "getActualJoint
 GENERATIONS = [("ur5", "0.008"), ("ur5e", "0.002")]
 
 
-@pytest.mark.parametrize("script", ["modelled", "executed"])
-@pytest.mark.parametrize(("robot", "tick"), GENERATIONS)
+@pytest.mark.parametrize(
+    ("robot", "tick", "script"),
+    [
+        ("ur5", "0.008", "executed"),
+        ("ur5e", "0.002", "modelled"),
+        pytest.param("ur5", "0.008", "modelled", marks=pytest.mark.soak),
+        pytest.param("ur5e", "0.002", "executed", marks=pytest.mark.soak),
+    ],
+)
 def test_the_control_and_receive_clients_agree_with_every_call(spawn, client, robot, tick, script):
     """The calls cover moves, streams, stops, paths, kinematics, settings, custom scripts and refusals.
 
-    An executed script is the text that ur-rtde sends, run line by line with its threads.
+    An executed script is the text that ur-rtde sends, run line by line with its threads. Each generation and each kind of script once;
+    the other two pairs are in the soak tests.
     """
     results = result_of(client(CONTROL, spawn("--robot", robot, "--control-script", script).address, tick), timeout_s=90)
     assert len(results) > 50

@@ -5,11 +5,15 @@ import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from command_line import ended
+from prepared import Process, run
 from sim_process import eventually, fresh_address
 
 from monitor.errors import RobotUnreachable
+from monitor.simulate.__main__ import main
 from monitor.simulate.remote import Remote
 
 
@@ -24,20 +28,17 @@ def test_a_taken_port_is_named(ur5):
     assert "Traceback" not in second.stderr
 
 
-def test_an_address_of_the_network_is_refused():
+def test_an_address_of_the_network_is_refused(capsys):
     """The exit code is 2, and no socket was opened."""
-    wrong = subprocess.run(
-        [sys.executable, "-m", "monitor.simulate", "--bind", "0.0.0.0"], capture_output=True, text=True, timeout=30, check=False
-    )
-    assert wrong.returncode == 2
-    assert "loopback" in wrong.stderr
+    assert main(["--bind", "0.0.0.0"]) == 2
+    assert "loopback" in capsys.readouterr().err
 
 
 def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):
     """The exit code is 0 and the address is free at once. Then nobody answers there: RobotUnreachable."""
     first = spawn()
     assert first.end() == 0
-    again = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", first.address], stdout=subprocess.PIPE, text=True)
+    again = Process([sys.executable, "-m", "monitor.simulate", "--bind", first.address], stdout=subprocess.PIPE, text=True)
     try:
         assert again.stdout.readline().startswith("listening")
         with Remote(first.address) as remote:
@@ -97,7 +98,7 @@ def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_
     """View and simulator end when the reader ends, as in `--view | head`."""
     address = fresh_address()
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", address, "--view"]
-    view = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    view = Process(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert "running, normal" in view.stdout.readline()
         assert _answers(address)
@@ -113,10 +114,21 @@ def test_a_view_into_a_pipe_shows_one_picture_after_the_other_and_ends_with_its_
 def test_a_view_of_an_address_in_use_gives_a_message(spawn):
     """One line and exit code 2, as without the view."""
     command = [sys.executable, "-m", "monitor", "simulate", "--bind", spawn().address, "--view"]
-    second = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    second = run(command, 60.0)
     assert second.returncode == 2, second.stderr
     assert "in use" in second.stderr
     assert len(second.stderr.strip().splitlines()) == 1
+
+
+def test_processes_that_threads_start_at_once_end_with_their_own_exit_codes():
+    """Of two kinds: the one was no child of this process while the other one began, and every end of it was told as 0."""
+    simulator, program = [sys.executable, "-m", "monitor.simulate", "--bind", "0.0.0.0"], [sys.executable, "-c", "raise SystemExit(3)"]
+
+    def ends(command: list[str]) -> set[int]:
+        return {run(command, 60.0).returncode for _ in range(6)}
+
+    with ThreadPoolExecutor(2) as beside:
+        assert list(beside.map(ends, (simulator, program))) == [{2}, {3}]
 
 
 def _answers(address: str) -> bool:
@@ -143,8 +155,7 @@ def _answers(address: str) -> bool:
 )
 def test_wrong_options_give_a_message(arguments, named):
     """The exit code is 2 and there is no traceback."""
-    command = [sys.executable, "-m", "monitor", "simulate", "--bind", fresh_address(), *arguments]
-    wrong = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    wrong = ended("simulate", "--bind", fresh_address(), *arguments)
     assert wrong.returncode == 2
     assert named in wrong.stderr
     assert "Traceback" not in wrong.stderr

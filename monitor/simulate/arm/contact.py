@@ -1,10 +1,20 @@
 """What presses against an arm from outside: a torque on one joint, or an elastic wall in its way."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from monitor.recording import Array
+
+
+class Pressing(Protocol):
+    """Whatever presses against an arm."""
+
+    left_s: float  # time for which it lasts yet; inf: until it is removed
+
+    def torque_nm(self, q: Array) -> Array:
+        """(J,) torque on the joints at q (J,) [N·m]."""
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dposv
 
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
-from monitor.simulate.arm.contact import Contact
+from monitor.simulate.arm.contact import Pressing
 from monitor.simulate.arm.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, STRIBECK_RAD_S, FrictionLaw, default_law
+from monitor.simulate.arm.lapack import dposv
+from monitor.simulate.arm.run_in import RunIn
 from monitor.simulate.arm.thermal import Temperatures, ThermalModel, default_thermal
 from monitor.simulate.arm.wear import PRODUCTION_LOAD, PRODUCTION_MOVING, PRODUCTION_SPEED_RAD_S, Wear
 
@@ -59,6 +60,7 @@ class Arm:
         law: FrictionLaw | None = None,
         thermal: ThermalModel | None = None,
         wear_per_revolution: Array | None = None,
+        run_in: float = 0.0,
     ) -> None:
         J = robot.joints
         self.robot, self.ambient_c = robot, ambient_c
@@ -81,14 +83,14 @@ class Arm:
         self.torque_before_nm = np.zeros(J)  # drive torque in the middle of the step before
         self.friction_nm = np.zeros(J)
         self.temperatures: Temperatures = self.thermal.idle(ambient_c)
-        self.wear = Wear.fresh(J, wear_per_revolution)
+        self.wear, self.run_in = Wear.fresh(J, wear_per_revolution), RunIn(J, run_in)
         self.load_nm = np.zeros(J)  # torque through the gears, on the side of the link
         self._elapsed_s = 0.0
         self._now, self._sums = np.zeros((2, 4, J))  # rates of friction work, torque², travel and load·travel, and their integrals
         self._integral = np.zeros(J)
         self._slide = np.zeros(J)  # sign of each joint's motion in the last step; 0 where friction held it
         self._sliding = False  # whether all joints moved
-        self.contact: Contact | None = None  # what presses against the arm
+        self.contact: Pressing | None = None  # what presses against the arm
         self._jam_nm = np.zeros(J)  # friction of joints that are stuck
         self.powered = True  # without power, a joint at rest has no losses
         self.mounting, self.payload_kg, self.payload_com_m = mounting or Mounting(), payload_kg, tuple(payload_com_m)
@@ -258,11 +260,11 @@ class Arm:
         return result
 
     def _update_friction(self) -> None:
-        """Compute the terms of friction that depend on temperature and wear only. Both are constant within a control period."""
-        none = np.zeros_like(self.qd)
-        self._dry_nm = self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb) + self._jam_nm
-        self._dry_load = self.wear.coulomb * self.law.load_factor
-        thin = self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
+        """Compute the terms of friction that depend on temperature, wear and run-in only. They are constant within a control period."""
+        none, run_in = np.zeros_like(self.qd), self.run_in.factor
+        self._dry_nm = run_in * self.law.dry(none, self.temperatures.grease_c, self.wear.coulomb) + self._jam_nm
+        self._dry_load = run_in * self.wear.coulomb * self.law.load_factor
+        thin = run_in * self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
         self._half_concave, self._half_linear = 0.5 * thin * self.law.concave_nm, 0.5 * thin * self.law.linear_nm_s_per_rad
         self._power = 0.5 * (self.law.exponent - 1.0)
 
@@ -289,6 +291,7 @@ class Arm:
         self.temperatures = self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, elapsed)
         travel = np.maximum(travel_rad, 1e-12)
         self.wear.use(travel / math.tau, load_travel / travel / self.robot.max_torque_nm)
+        self.run_in.pass_by(elapsed, travel_rad)
         self._sums[:] = 0.0
         self._elapsed_s = 0.0
         self._update_friction()
@@ -340,6 +343,7 @@ class Arm:
             current = (load + resisting) / self.gain_nm_per_a
             motor_w = (self.thermal.idle_w if self.powered else 0.0) + moving * self.thermal.winding_ohm * current * current
             self.temperatures = self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt)
+            self.run_in.work(dt, duty)
             self.wear.use(moving * speed * dt / math.tau, np.full(self.robot.joints, PRODUCTION_LOAD))
         self._update_friction()
 
@@ -367,7 +371,7 @@ class Arm:
         return drive, drive - rotor
 
     def friction_torque(self, qd: Array, load_nm: Array, grease_c: Array | None = None) -> Array:
-        """(N, J) friction torque with the present wear, at given grease temperatures or the present ones [N·m]."""
+        """(N, J) friction torque with the present wear and without run-in, at given grease temperatures or the present ones [N·m]."""
         grease = self.temperatures.grease_c if grease_c is None else grease_c
         return self.law.torque(qd, load_nm, grease, self.wear.coulomb, self.wear.viscous)
 

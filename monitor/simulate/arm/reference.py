@@ -26,6 +26,7 @@ class Reference:
         self.mode = "hold"
         self.speed_slider = 1.0  # 0 … 1; it slows moves down, and has no effect on servoj, speedj and stops
         self._slider_share = 1.0  # follows the slider without a jump
+        self.given = np.zeros_like(q)  # how far force control has led the arm off its path
 
     @property
     def at_rest(self) -> bool:
@@ -53,6 +54,14 @@ class Reference:
         """Hold at q (J,), as after a brake release."""
         self.q = q.copy()
         self.hold()
+
+    def give(self, way: Array) -> None:
+        """Lead the arm off its path by so much more (J,) [rad], as force control does."""
+        self.given, self.q = self.given + way, self.q + way
+
+    def keep(self) -> None:
+        """The next motion begins where force control has led the arm."""
+        self.given = np.zeros_like(self.q)
 
     # --- modes --------------------------------------------------------------------------------------------------
     def stop(self, deceleration_rad_s2: float, then: Callable[[], None] | None = None) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw
 from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.arm.limits import Limits
@@ -21,6 +22,7 @@ from monitor.simulate.controller.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.fault_target import FaultTarget
 from monitor.simulate.controller.faults import inject
 from monitor.simulate.controller.foreign import ForeignPrograms
+from monitor.simulate.controller.giving import Giving
 from monitor.simulate.controller.identity import Identity
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
@@ -32,6 +34,7 @@ from monitor.simulate.controller.personality import personality_of
 from monitor.simulate.controller.program.machine import Machine, Watchdog
 from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.program.scripts import Immediate, parse
+from monitor.simulate.controller.program.surroundings import Surroundings
 from monitor.simulate.controller.registers import Recipe, Registers
 from monitor.simulate.controller.safety import Safety
 from monitor.simulate.controller.scenario_player import ScenarioPlayer, ScenarioTarget
@@ -53,12 +56,14 @@ class Controller:
         before: "Controller | None" = None,
         law: FrictionLaw | None = None,
         wire: FaultyWire | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         """Start a controller.
 
         before : the controller that ran on the same arm until it was killed. The arm with its heat and wear is taken over.
         law : the friction of the arm; None means the default of the robot. A controller that takes over an arm ignores it.
         wire : where the scenario's faults of the wire happen; None if there is no wire.
+        surroundings : the cell around the arm, whose program is loaded; None if nothing stands there.
 
         Raises BadInput where the scenario names outputs that this controller does not have.
         """
@@ -70,6 +75,7 @@ class Controller:
         if before is not None:
             self.arm.brake()
             self.arm.powered = False
+        self.surroundings = surroundings
         self.kinematics, self.reference = Kinematics(self.robot), Reference(self.robot, self.arm.q, settings.tick_s)
         self.measurements = Measurements(self.arm, Sensors(self.robot, settings.seed, settings.tick_s, settings.current_noise))
         if before is None:
@@ -77,7 +83,7 @@ class Controller:
         self.registers = Registers(self.identity.knows)
         self.installation = Installation(settings, self.robot, self.arm)
         self.machine = self._assembled()
-        self.programs = Programs(self.machine)
+        self.programs = Programs(self.machine, surroundings)
         self.safety = Safety(self.machine, self.programs)
         self.foreign = ForeignPrograms(self.machine, self.programs)
         self._fault_target = FaultTarget(
@@ -129,6 +135,7 @@ class Controller:
             kinematics=self.kinematics,
             limits=limits,
             moves=moves,
+            giving=Giving(self.arm, self.reference, self.kinematics, self.personality),
             installation=self.installation,
             journal=self.journal,
             watchdog=Watchdog(self.clock),
@@ -164,6 +171,8 @@ class Controller:
         for script in self.foreign.step():
             self._run(script)
         self.programs.step()
+        if self.surroundings is not None:
+            self.surroundings.step(self.machine)
         self._move()
         self.arm.settle(self.clock.tick_s)
         self.measurements.record()
@@ -174,6 +183,9 @@ class Controller:
         """Let the servo drive the arm along the reference for one control period."""
         arm, reference, measurements, tick_s = self.arm, self.reference, self.measurements, self.clock.tick_s
         if self.modes.robot != RobotMode.RUNNING:  # the brakes hold the arm
+            return
+        giving = self.machine.giving
+        if giving.any and giving.step(tick_s, self._substeps, measurements.encoder_q):
             return
         if reference.at_rest and arm.stand(tick_s, measurements.true_target(reference.step(tick_s))):  # friction holds the arm
             return
@@ -225,6 +237,15 @@ class Controller:
         """Halt the arm; the settings say what becomes of the program."""
         self.safety.protective_stop(reason, code)
 
+    def tool_force(self) -> Array:
+        """(6,) force [N] and torque [N·m] at the tool as the controller shows them."""
+        return self.personality.tool_force() if self.surroundings is None else self.surroundings.wrench(self.machine)
+
+    def acknowledge(self) -> None:
+        """Unlock a protective stop and let the program play on, as a person does at the pendant."""
+        if self.safety.unlock():
+            self.programs.play()
+
     def inject(self, fault: str, arguments: dict[str, Any]) -> str:
         """Make one fault happen. Returns a sentence that says what was done. Raises BadInput for what is unknown or impossible."""
         return inject(fault, arguments, self._fault_target)
@@ -250,6 +271,7 @@ def _new_arm(settings: SimulateSettings, law: FrictionLaw | None) -> Arm:
         payload_kg=settings.payload_kg,
         payload_com_m=settings.payload_com_m,
         law=law,
+        run_in=settings.run_in,
         wear_per_revolution=None if settings.wear_per_revolution is None else np.array(settings.wear_per_revolution),
     )
     if settings.initial_temperature_c is not None:

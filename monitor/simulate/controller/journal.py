@@ -47,6 +47,7 @@ class ErrorMessage(NamedTuple):
     at_s: float
     text: str
     code: ErrorCode = DEVIATES
+    argument: int = 0  # of C153 the joint, from 0
 
 
 class ExceptionMessage(NamedTuple):
@@ -115,6 +116,6 @@ class Journal:
         """Report a change of the safety mode."""
         self.messages.append(SafetyMessage(self._clock.now_s, mode))
 
-    def error_message(self, text: str, code: ErrorCode = DEVIATES) -> None:
+    def error_message(self, text: str, code: ErrorCode = DEVIATES, argument: int = 0) -> None:
         """Report the reason of a protective stop."""
-        self.messages.append(ErrorMessage(self._clock.now_s, text, code))
+        self.messages.append(ErrorMessage(self._clock.now_s, text, code, argument))

@@ -109,3 +109,6 @@ class Supervisor(Protocol):
 
     def protective_stop(self, reason: str, code: ErrorCode = DEVIATES) -> None:
         """Halt the arm in a protective stop, which is reported with this code."""
+
+    def acknowledge(self) -> None:
+        """Unlock a protective stop and let the program play on, as a person does at the pendant."""

@@ -9,9 +9,10 @@ import pinocchio as pin
 
 from monitor.model.robot import Robot
 from monitor.recording import Array
-from monitor.simulate.arm import motions
+from monitor.simulate.arm import motions, path
 from monitor.simulate.arm.kinematics import Kinematics, se3
 from monitor.simulate.arm.limits import Limits
+from monitor.simulate.arm.path import Path
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.clock import Clock
 from monitor.simulate.controller.modes import Modes, Supervisor
@@ -30,6 +31,7 @@ class Move:
     straight: bool
     speed: float
     acceleration: float
+    blend_m: float = 0.0  # nearer than this to its end, the next move may begin
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,7 @@ class Moves:
     ) -> None:
         self._robot, self._reference, self._kinematics, self._limits = robot, reference, kinematics, limits
         self._clock, self._modes, self._supervisor = clock, modes, supervisor
+        self._path = Path(reference)
         self.waypoint: Array | None = None  # (6,) tool pose at the end of the last move
         self.interrupted: Move | None = None  # the move that a pause or a protective stop interrupted; it continues with the program
         self._last: Move | None = None
@@ -71,14 +74,17 @@ class Moves:
             return f"the target is not {self._robot.joints} finite numbers"
         if not (SLOWEST < move.speed < math.inf and SLOWEST < move.acceleration < math.inf):
             return f"speed {move.speed:g} and acceleration {move.acceleration:g} must be positive"
-        q = self.inverse(target) if move.pose else target
+        near = self._path.end if self._reference.mode == path.MODE else None
+        q = self.inverse(target, near) if move.pose else target
         if q is None:
             return f"no joint positions for the tool at {target.round(4).tolist()}"
         obstacle = self._limits.outside(q)
         if obstacle:
             return obstacle
         goal = se3(target) if move.pose else self._kinematics.at(target)
-        if not move.straight:
+        if move.blend_m > 0.0 or self._reference.mode == path.MODE:
+            obstacle = self._flow(goal, q, move)
+        elif not move.straight:
             self._reference.move(q, move.speed, move.acceleration)
         elif self._reference.qd.any():  # a line begins at rest
             self._reference.stop(PROGRAM_STOP_RAD_S2, lambda: self._line_after_stop(goal, move))
@@ -86,6 +92,27 @@ class Moves:
             obstacle = self._line(goal, move)
         self.waypoint = self._kinematics.pose(q)
         return obstacle
+
+    def _flow(self, goal: "pin.SE3", q: Array, move: Move) -> str:
+        """Begin a move that flows into the next one, or out of the one before."""
+        start, top = self._path.end, self._robot.max_speed_rad_s
+        if move.straight:
+            stretch = path.line(self._kinematics, start, goal, move.speed, move.acceleration, top)
+        else:
+            stretch = path.joints(start, q, move.speed, move.acceleration, top)
+        if isinstance(stretch, str):
+            return stretch
+        if stretch is not None:
+            self._path.add(stretch)
+        return ""
+
+    def flows(self, blend_m: float) -> bool:
+        """Whether the present move has ended, or is so near to its end that the next one may begin."""
+        if blend_m <= 0.0 or self.interrupted is not None or not self._path.brakes:
+            return self.over
+        kinematics, reference = self._kinematics, self._reference
+        way = kinematics.at(self._path.end).translation - kinematics.at(reference.q).translation
+        return math.hypot(*way) < blend_m
 
     def _line_after_stop(self, goal: "pin.SE3", move: Move) -> None:
         obstacle = self._line(goal, move)
@@ -105,7 +132,7 @@ class Moves:
 
     def interrupt(self) -> None:
         """Remember the present move: the arm is about to stop, and the move continues later."""
-        if self._reference.mode in {"move", "line"} or self._reference.queued:
+        if self._reference.mode in {"move", "line", path.MODE} or self._reference.queued:
             self.interrupted = self._last
 
     def forget(self) -> None:

@@ -1,5 +1,9 @@
 """Safety and power of a controller: protective stop, emergency stop, power, and the supervision of the arm."""
 
+import re
+
+import numpy as np
+
 from monitor.simulate.controller.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.program.machine import Machine
@@ -46,7 +50,7 @@ class Safety:
         self._protected_at_s = machine.clock.now_s
         machine.journal.stop("protective_stop", reason)
         machine.journal.safety_message(modes.safety)
-        machine.journal.error_message(reason, code)
+        machine.journal.error_message(reason, code, self._joint_of(reason) if code == DEVIATES else 0)
         if self._programs.current is not None:
             runtime = runtime or machine.settings.protective_runtime
             if runtime == "stopped":
@@ -56,6 +60,13 @@ class Safety:
                 if runtime == "paused":
                     modes.pause()
         machine.reference.stop(SAFETY_STOP_RAD_S2)
+
+    def _joint_of(self, reason: str) -> int:
+        """The joint (from 0) that noticed it: the one that the reason names, else that which is farthest from its target."""
+        named = re.search(r"\bjoint (\d)", reason)
+        if named is not None:
+            return int(named[1]) - 1
+        return int(np.argmax(np.abs(self._machine.reference.q - self._machine.measurements.encoder_q)))
 
     def unlock(self, *, after_s: float = UNLOCK_AFTER_S) -> bool:
         """End a protective stop. Returns False if there is none, or it began less than `after_s` ago."""

@@ -29,6 +29,7 @@ def truth(controller: Controller) -> dict[str, Any]:
         "wear_viscous": arm.wear.viscous.tolist(),
         "wear_per_revolution": arm.wear.per_revolution.tolist(),
         "revolutions": arm.wear.revolutions.tolist(),
+        "run_in_factor": arm.run_in.factor.tolist(),
         "payload_kg": arm.payload_kg,
         "drive_gain_nm_per_a": arm.gain_nm_per_a.tolist(),
         "rotor_kg_m2": arm.rotor_kg_m2.tolist(),

@@ -106,8 +106,8 @@ def encoded(message: Message) -> bytes:
             return _message(at_s, KEY, struct.pack(">iiB", 0, 0, len(name)) + name + _text(text))
         case SafetyMessage(at_s, mode):
             return _message(at_s, SAFETY, struct.pack(">iiBII", 0, 0, int(mode), 0, 0))
-        case ErrorMessage(at_s, text, code):
-            return _message(at_s, ERROR, struct.pack(">iiiII", code.number, 0, code.level, 0, 0) + _text(text))
+        case ErrorMessage(at_s, text, code, argument):
+            return _message(at_s, ERROR, struct.pack(">iiiII", code.number, argument, code.level, 0, 0) + _text(text))
         case ExceptionMessage(at_s, text, line, column):
             return _message(at_s, EXCEPTION, struct.pack(">ii", line, column) + _text(text))
         case TextMessage(at_s, text):

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from monitor.simulate.cells.catalogue import cell
+from monitor.simulate.cells.cell import CellAround
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import RobotMode
 from monitor.simulate.settings import SimulateSettings
@@ -21,7 +23,11 @@ class ServedRobot:
     def __init__(self, settings: SimulateSettings, sockets: dict[int, socket.socket], shut_down: Callable[[], None]) -> None:
         """`sockets` listen already, by port. `shut_down` ends the whole simulator."""
         self._settings = settings
-        self.ports = Ports(Controller(settings, wire=self), shut_down)
+        self._around = None if settings.cell is None else CellAround(cell(settings.cell, settings.arm, settings.seed))
+        controller = Controller(settings, wire=self, surroundings=self._around)
+        if self._around is not None:
+            controller.programs.play()
+        self.ports = Ports(controller, shut_down)
         self.listeners = Listeners(settings, self.ports, sockets)
         self._rebirth: asyncio.TimerHandle | None = None
         self._actions: dict[str, Callable[[dict[str, Any]], str]] = {
@@ -127,7 +133,7 @@ class ServedRobot:
 
     def _start_again(self, *, with_power: bool) -> None:
         self.ports.drop("all", reset=True)  # a controller that was switched off knows nothing of its connections
-        controller = Controller(self._settings, before=self.controller, wire=self)
+        controller = Controller(self._settings, before=self.controller, wire=self, surroundings=self._around)
         if with_power:
             controller.safety.power(RobotMode.IDLE)
             controller.safety.power(RobotMode.RUNNING)

@@ -58,7 +58,7 @@ def output_variables(controller: Controller) -> dict[str, Variable]:
         "speed_scaling": number(controller, "programs.speed_scaling"),
         "target_speed_fraction": number(controller, "registers.speed_fraction"),
         **dict.fromkeys(("actual_momentum", "tcp_force_scalar", "standard_analog_input0", "standard_analog_input1"), zero),
-        "actual_TCP_force": computed(6, controller.personality.tool_force),
+        "actual_TCP_force": computed(6, controller.tool_force),
         "joint_position_deviation_ratio": number(controller, "safety.deviation_ratio"),
         "joint_temperatures": array(controller, "measurements.latest.temperature_c"),
         "tool_temperature": number(controller, "arm.ambient_c"),

@@ -27,17 +27,21 @@ PROGRAMS = {  # file name → what it does
 class ProgramFiles:
     """The files of one controller. `loaded` is the name of the loaded program."""
 
-    def __init__(self, tree: ProgramTree | None = None, *, silent: bool = False) -> None:
-        """A production program is loaded at first if one is given. `silent`: a node whose host does not answer does nothing."""
+    def __init__(self, tree: ProgramTree | None = None, *, silent: bool = False, of_cell: str | None = None) -> None:
+        """A production program is loaded at first if one is given. `silent`: a node whose host does not answer does nothing.
+
+        of_cell : name of the program of the cell around the arm, which is then loaded at first; None if the arm stands in none.
+        """
+        self._of_cell = None if of_cell is None else f"{of_cell}.urp"
         self._silent = silent
         self._trees = {} if tree is None else {f"{tree.name}.urp": tree}
-        self.loaded = next(iter(self._trees), SCRIPT_PROGRAM)
+        self.loaded = self._of_cell or next(iter(self._trees), SCRIPT_PROGRAM)
         self._served: Mapping[Host, str | None] = {}
 
     def load(self, path: str) -> bool:
         """Load a program. Returns False if there is no such file."""
         name = self._name(path)
-        found = name in PROGRAMS or name in self._trees
+        found = name in self.names
         if found:
             self.loaded = name
         return found
@@ -45,7 +49,12 @@ class ProgramFiles:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of all program files."""
-        return (*self._trees, *PROGRAMS)
+        return (*(() if self._of_cell is None else (self._of_cell,)), *self._trees, *PROGRAMS)
+
+    @property
+    def cell_loaded(self) -> bool:
+        """Whether the program of the cell is the one that is loaded."""
+        return self.loaded == self._of_cell
 
     @property
     def hosts(self) -> tuple[Host, ...]:

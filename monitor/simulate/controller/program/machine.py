@@ -12,6 +12,7 @@ from monitor.simulate.arm.limits import Limits
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.clock import Clock
+from monitor.simulate.controller.giving import Giving
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
 from monitor.simulate.controller.measurements import Measurements
@@ -82,6 +83,7 @@ class Machine:
     kinematics: Kinematics
     limits: Limits
     moves: Moves
+    giving: Giving
     installation: Installation
     journal: Journal
     watchdog: Watchdog

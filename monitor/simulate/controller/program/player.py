@@ -13,6 +13,8 @@ from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.steps import (
     Critical,
     Declare,
+    Freedrive,
+    GiveWay,
     Join,
     Kill,
     Output,
@@ -54,7 +56,7 @@ class Threading(Protocol):
 
 
 class Player:
-    """Plays the steps of one thread. Every move comes to rest at its end: blend radii are not modelled."""
+    """Plays the steps of one thread. A script's move comes to rest at its end: only the programs of cells have blend radii."""
 
     def __init__(
         self,
@@ -154,6 +156,10 @@ class Player:
                 bits.digital = bits.digital | 1 << number if on else bits.digital & ~(1 << number)
             case Declare(what, figures):
                 _declare(machine, what, figures)
+            case GiveWay(comply):
+                machine.giving.comply(comply)
+            case Freedrive(begins):
+                machine.giving.freedrive = begins
             case ProtectiveStop():
                 machine.supervisor.protective_stop("asked for by the program", ASKED)
 
@@ -203,7 +209,7 @@ class Player:
     def _move(self, move: Move) -> None:
         """Start a move. A tool pose that a movel cannot reach leads to a protective stop, and any other obstacle to an exception."""
         machine = self._machine
-        self._waits = lambda: machine.moves.over
+        self._waits = lambda: machine.moves.flows(move.blend_m)
         obstacle = machine.moves.start(move)
         if obstacle and move.straight and move.pose and machine.moves.inverse(np.array(move.target)) is None:
             machine.supervisor.protective_stop(f"movel: {obstacle}", ASKED)
@@ -218,6 +224,22 @@ def _declare(machine: Machine, what: str, figures: tuple[float, ...]) -> None:
         queries.DECLARATIONS[what](machine, list(figures))
     except (queries.ImpossibleArguments, ValueError, IndexError) as wrong:
         raise ScriptError(f"runtime_error: {what}: {wrong}") from None
+
+
+class CellProgram:
+    """The program of a cell, made of steps and not of a script."""
+
+    command_register = ""
+
+    def __init__(self, steps: Iterable[Step], machine: Machine) -> None:
+        self._player = Player(steps, machine)
+
+    def received(self) -> None:
+        """Input packets do not matter to a program without a command register."""
+
+    def step(self) -> bool:
+        """Play on. Returns False when the program has ended. Raises as `Player.over`."""
+        return not self._player.over()
 
 
 class SteppedProgram:

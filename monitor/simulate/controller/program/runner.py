@@ -10,8 +10,9 @@ from monitor.simulate.controller.program.files import ProgramFiles
 from monitor.simulate.controller.program.foreign import ForeignProgram
 from monitor.simulate.controller.program.language import ScriptError, Source
 from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.player import SteppedProgram
+from monitor.simulate.controller.program.player import CellProgram, SteppedProgram
 from monitor.simulate.controller.program.scripts import ControlScript, Refused
+from monitor.simulate.controller.program.surroundings import Surroundings
 from monitor.simulate.controller.program.threads import ScriptProgram
 from monitor.simulate.controller.registers import Recipe
 from monitor.simulate.polyscope import X
@@ -21,17 +22,22 @@ log = logging.getLogger(__name__)
 EXCEPTION = "runtime exception"  # how the reason of a stop begins when a program made a mistake
 FOREIGN_NAME = "cell"  # of a program that somebody else starts
 
-Program = ControlProgram | ScriptProgram | SteppedProgram | ForeignProgram
+Program = ControlProgram | ScriptProgram | SteppedProgram | ForeignProgram | CellProgram
 
 
 class Programs:
     """Runs at most one program at a time on one machine. `current` is the program, or None."""
 
-    def __init__(self, machine: Machine) -> None:
-        self._machine = machine
+    def __init__(self, machine: Machine, surroundings: Surroundings | None = None) -> None:
+        """`surroundings` is the cell whose program is loaded; None if the arm stands in none."""
+        self._machine, self._surroundings = machine, surroundings
         self.current: Program | None = None
         self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
-        self.files = ProgramFiles(machine.settings.program, silent=machine.settings.polyscope.major >= X)
+        self.files = ProgramFiles(
+            machine.settings.program,
+            silent=machine.settings.polyscope.major >= X,
+            of_cell=None if surroundings is None else surroundings.name,
+        )
         self._name = ""  # of the present program
 
     def step(self) -> None:
@@ -135,6 +141,7 @@ class Programs:
         machine.watchdog.clear()
         machine.modes.popup = ""
         machine.moves.forget()
+        machine.giving.end()
         if reference.mode != "stop" or reference.queued:
             reference.stop(PROGRAM_STOP_RAD_S2)
         return True
@@ -155,6 +162,10 @@ class Programs:
         if not machine.modes.may_move:
             return False
         if machine.modes.runtime != Runtime.PAUSED:
+            if self.current is None and self._surroundings is not None and self.files.cell_loaded:
+                name = self._surroundings.name
+                self._begin(CellProgram(self._surroundings.program(machine), machine), name, SOMEBODY_ELSE)
+                return True
             loaded = self.files.program
             if self.current is not None or loaded is None:
                 return False

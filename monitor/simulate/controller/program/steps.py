@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from monitor.simulate.controller.giving import Comply
 from monitor.simulate.controller.moves import Move, StopMotion
 from monitor.simulate.controller.program.language import TEXT_MAX, ScriptError
 
@@ -127,8 +128,23 @@ class Critical:
     begins: bool
 
 
+@dataclass(frozen=True, slots=True)
+class GiveWay:
+    """The beginning of force control, or its end with None."""
+
+    comply: Comply | None
+
+
+@dataclass(frozen=True, slots=True)
+class Freedrive:
+    """The beginning or the end of freedrive."""
+
+    begins: bool
+
+
 Threading = Run | Kill | Join | Critical
-Step = Move | StopMotion | Servo | Speed | Write | PathProgress | Wait | Say | Declare | Output | ProtectiveStop | Watch | Popup | Threading
+Acting = Write | PathProgress | Say | Declare | Output | ProtectiveStop | Watch | GiveWay | Freedrive
+Step = Move | StopMotion | Servo | Speed | Wait | Popup | Acting | Threading
 
 STEPS = frozenset(  # the calls that make a step
     (

@@ -1,0 +1,1 @@
+"""Production cells: programs, parts and people around a simulated arm."""
