@@ -29,6 +29,16 @@ class StoredAssessment(NamedTuple):
     made_with: str | None  # digest of the provenance; None: made before provenance was kept
 
 
+class JudgedReplay(NamedTuple):
+    """When a replay was made and judged, and with what; `Assessments.document` has what was said."""
+
+    ledger_id: int
+    recorded_at_unix_s: float
+    judged_at_unix_s: float
+    made_with: str | None  # digest of the provenance; None: made before provenance was kept
+    assessed: bool = True  # False: it was rejected
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredState:
     """The estimator's present state, as the documents that `judge` made of it."""
@@ -71,7 +81,7 @@ class Assessments:
             ).rowcount
             if changed != 1:
                 raise StoreError(f"replay {ledger_id}: not waiting for an assessment")
-            digest = None if made_with is None else _insert_provenance(db, made_with)
+            digest = None if made_with is None else insert_provenance(db, made_with)
             db.execute("INSERT INTO assessment VALUES (?, ?, ?, ?)", (ledger_id, float(recorded_at_unix_s), json_text(assessment), digest))
             for joint, document in enumerate(friction, start=1):
                 db.execute("INSERT INTO friction VALUES (?, ?, ?, ?)", (ledger_id, joint, float(recorded_at_unix_s), json_text(document)))
@@ -103,6 +113,20 @@ class Assessments:
         return [
             StoredAssessment(ledger_id, at, judged_at, json.loads(text), made_with) for ledger_id, at, judged_at, text, made_with in rows
         ]
+
+    def judged(self) -> list[JudgedReplay]:
+        """Every past assessment without its document, in the order of their recordings' times: years of documents fill a memory."""
+        rows = self._db.rows(
+            "SELECT ledger_id, recorded_at_unix_s, ended_at_unix_s, made_with FROM assessment JOIN ledger ON id = ledger_id "
+            "ORDER BY recorded_at_unix_s, ledger_id"
+        )
+        return [JudgedReplay(*row) for row in rows]
+
+    def document(self, ledger_id: int) -> dict[str, Any]:
+        """What was said of one replay."""
+        ((text,),) = self._db.rows("SELECT document FROM assessment WHERE ledger_id = ?", (ledger_id,))
+        found: dict[str, Any] = json.loads(text)
+        return found
 
     def provenance(self, digest: str) -> dict[str, Any]:
         """The provenance with this digest."""
@@ -197,13 +221,15 @@ class Assessments:
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
                 db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))
+            db.execute("DELETE FROM work_observation WHERE at_unix_s > ?", (after_unix_s,))
             if documents is None:
                 db.execute("DELETE FROM state")
             else:
                 db.execute("UPDATE state SET revision = revision + 1, belief = ?, health = ?, model = ?", tuple(map(json_text, documents)))
 
 
-def _insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> str:
+def insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> str:
+    """Insert what a verdict was made with, inside a transaction; returns its digest."""
     text = json.dumps(document, allow_nan=False, sort_keys=True, separators=(",", ":"))
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     db.execute("INSERT OR IGNORE INTO circumstance VALUES (?, ?)", (digest, text))

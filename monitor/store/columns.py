@@ -1,12 +1,14 @@
 """The columns of a recording: RTDE's names of the signals, and the layout of a file in these names or as `--columns` says."""
 
 import re
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.identify.work.rows import EXTRA_COLUMNS, WorkRows
 from monitor.recording import JOINT_COLUMNS, Array, Recording
 
 SCALAR_COLUMNS = {
@@ -16,6 +18,7 @@ SCALAR_COLUMNS = {
     "runtime_state": "runtime_state",
     "speed_scaling": "speed_scaling",
 }
+EXTRA_WIDTHS = dict(EXTRA_COLUMNS.values())
 _INDEXED = re.compile(r"(.+?)_?\[?(\d+)\]?")
 
 
@@ -26,6 +29,28 @@ class Layout(NamedTuple):
     joints: dict[str, list[int]]  # field of Recording → its J columns
     width: int  # fields a row
     payload: int | None = None  # column of the payload register
+    work: Mapping[str, list[int]] = MappingProxyType({})  # field of WorkRows → its column, or its columns
+
+    @property
+    def read(self) -> list[int]:
+        """Every column that is read."""
+        payload = [] if self.payload is None else [self.payload]
+        several = [*self.joints.values(), *self.work.values()]
+        return [*self.scalars.values(), *(k for ks in several for k in ks), *payload]
+
+
+def signals_of(layout: Layout, column: Callable[[int], Array]) -> dict[str, Any]:
+    """The signals of a Recording; `column` gives the numbers of one column of the file."""
+    signals: dict[str, Any] = {field: column(k) for field, k in layout.scalars.items()}
+    return signals | {field: np.stack([column(k) for k in ks], axis=1) for field, ks in layout.joints.items()}
+
+
+def work_rows(recording: Recording, layout: Layout, column: Callable[[int], Array]) -> WorkRows:
+    """The recording with the columns that only work needs; arguments as for `signals_of`."""
+    extra = {
+        field: np.stack([column(k) for k in ks], axis=1) if EXTRA_WIDTHS[field] else column(ks[0]) for field, ks in layout.work.items()
+    }
+    return WorkRows(recording=recording, **extra)
 
 
 def column_names() -> dict[str, str]:
@@ -77,7 +102,17 @@ def layout_by_name(source: str, names: Sequence[str]) -> Layout:
     width = len(names)
     while width and not names[width - 1]:
         width -= 1  # separators that a spreadsheet left at the end of the line
-    return Layout(scalars, joints, width, names.index("payload") if "payload" in names else None)
+    return Layout(scalars, joints, width, names.index("payload") if "payload" in names else None, _work_columns(names))
+
+
+def _work_columns(names: Sequence[str]) -> dict[str, list[int]]:
+    """The columns that only work needs, of a header: those of a field are all there, or the field is left out."""
+    found = {}
+    for name, (field, count) in EXTRA_COLUMNS.items():
+        wanted = [name] if not count else [f"{name}_{k}" for k in range(count)]
+        if all(each in names for each in wanted):
+            found[field] = [names.index(each) for each in wanted]
+    return found
 
 
 def parse_columns(spec: str) -> Layout:
@@ -87,6 +122,7 @@ def parse_columns(spec: str) -> Layout:
     """
     scalars: dict[str, int] = {}
     joints: dict[str, list[int]] = {}
+    work: dict[str, list[int]] = {}
     width = 0
     for name, count in _spec_parts(spec):
         if name in SCALAR_COLUMNS:
@@ -95,8 +131,15 @@ def parse_columns(spec: str) -> Layout:
             scalars[SCALAR_COLUMNS[name]] = width
         elif name in JOINT_COLUMNS:
             joints.setdefault(JOINT_COLUMNS[name], []).extend(range(width, width + count))
+        elif name in EXTRA_COLUMNS:
+            field, expected = EXTRA_COLUMNS[name]
+            if count != max(expected, 1) or field in work:
+                raise BadInput(f"--columns: {name} has {max(expected, 1)} columns, once; found {name}:{count} or a second one")
+            work[field] = list(range(width, width + count))
         elif name != "skip":
-            raise BadInput(f"--columns: {name!r} is not known; known are {', '.join([*SCALAR_COLUMNS, *JOINT_COLUMNS, 'skip'])}")
+            raise BadInput(
+                f"--columns: {name!r} is not known; known are {', '.join([*SCALAR_COLUMNS, *JOINT_COLUMNS, *EXTRA_COLUMNS, 'skip'])}"
+            )
         width += count
     if "t_s" not in scalars or "q" not in joints:
         raise BadInput("--columns: timestamp and actual_q:N are needed, e.g. timestamp,actual_q:6,actual_qd:6,actual_current:6")
@@ -105,7 +148,7 @@ def parse_columns(spec: str) -> Layout:
             raise BadInput(
                 f"--columns: {column_names()[field]} has {len(places)} columns, actual_q has {len(joints['q'])}; expected as many"
             )
-    return Layout(scalars, joints, width)
+    return Layout(scalars, joints, width, work["payload_kg"][0] if "payload_kg" in work else None, work)
 
 
 def _spec_parts(spec: str) -> Iterator[tuple[str, int]]:

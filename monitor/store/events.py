@@ -48,6 +48,12 @@ class Events:
         )
         return [AlertEvent(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in reversed(rows)]
 
+    def page(self, after: int, limit: int) -> tuple[list[AlertEvent], int | None]:
+        """The oldest `limit` transitions with numbers above `after`, and the number that the next page follows; None at the end."""
+        rows = self._db.rows("SELECT seq, at_unix_s, document, ledger_id FROM event WHERE seq > ? ORDER BY seq LIMIT ?", (after, limit + 1))
+        events = [AlertEvent(seq, at, json.loads(document), ledger_id) for seq, at, document, ledger_id in rows[:limit]]
+        return events, events[-1].seq if len(rows) > limit else None
+
     def number_from(self, at_unix_s: float) -> None:
         """Continue the numbers above all that a damaged history may have given out since its backup: no number may mean two transitions.
 

@@ -20,6 +20,7 @@ from monitor.identify.validate import Validation, validate
 from monitor.identify.warnings import of_held_out
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.recording import Array, Recording
+from monitor.store.archived_files import local_file
 from monitor.store.recordings import read_recording
 
 
@@ -106,7 +107,7 @@ def _from_toml(path: Path) -> Robot:
 
 def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recording]:
     """Recordings whose source is the file's name as the user gave it, whatever source the file itself names."""
-    return [dataclasses.replace(read_recording(path, columns), source=path.name) for path in paths]
+    return [dataclasses.replace(read_recording(local_file(path), columns), source=path.name) for path in paths]
 
 
 def identify_files(request: Request) -> Outcome:

@@ -10,25 +10,32 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from monitor.errors import BadInput, StoreError
+from monitor.identify.work.rows import WorkRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.columns import constant_value, layout_by_name, named_columns
+from monitor.store.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, signals_of, work_rows
 from monitor.store.text_recordings import read_text
 
-_METADATA = b"joint-monitor.recording.v1"
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+METADATA = b"joint-monitor.recording.v1"
 
 
 def read_recording(path: str | Path, columns: str | None = None) -> Recording:
-    """Read a recording from our Parquet or from CSV. columns : the layout of a CSV without RTDE's names, as `parse_columns` takes it.
+    """Read a recording from Parquet or from CSV. columns : the layout of a file without RTDE's names, as `parse_columns` takes it.
 
     Raises BadInput for a file that is missing, unreadable, no recording, or laid out otherwise.
     """
+    return read_work(path, columns).recording
+
+
+def read_work(path: str | Path, columns: str | None = None) -> WorkRows:
+    """`read_recording` with the columns that only work needs, as far as the file has them. Raises as `read_recording`."""
     path = Path(path)
     try:
         if path.is_dir():
@@ -37,11 +44,18 @@ def read_recording(path: str | Path, columns: str | None = None) -> Recording:
             raise BadInput(f"{path}: is no file; expected a recording, CSV or Parquet")
         with path.open("rb") as file:
             parquet = file.read(4) == b"PAR1"
-        return _read_parquet(path) if parquet else read_text(path, columns)
+        return _of_parquet(path, str(path), columns) if parquet else read_text(path, columns)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None
     except OSError as wrong:
         raise BadInput(f"{path}: cannot be read: {wrong.strerror or wrong}") from None
+
+
+def recording_of(content: bytes, where: str) -> Recording:
+    """A recording from the bytes of our Parquet. where : its path or address, for messages. Raises BadInput as `read_recording`."""
+    import pyarrow as pa
+
+    return _of_parquet(pa.BufferReader(content), where).recording
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
@@ -49,6 +63,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
 
     Raises StoreError where the disk refuses.
     """
+    import pyarrow.parquet as pq  # 40 MB, and many processes touch no recording
+
     path = Path(path)
     table = _table(recording)
     temporary: str | None = None
@@ -69,6 +85,19 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             with suppress(OSError):  # the first error is the one to report
                 os.unlink(temporary)
         raise StoreError(f"{path}: the recording cannot be written: {wrong.strerror or wrong}") from wrong
+
+
+def recorded_at_unix_s(content: bytes) -> float | None:
+    """When a recording says that it was made, from the bytes of its file; None where it does not say, or is none of ours."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        about = (pq.read_schema(pa.BufferReader(content)).metadata or {}).get(METADATA)
+        at = None if about is None else json.loads(about)["context"]["recorded_at_unix_s"]
+        return None if at is None else float(at)
+    except (pa.ArrowException, ValueError, KeyError, TypeError):
+        return None
 
 
 class RecordingFolder:
@@ -96,10 +125,12 @@ class RecordingFolder:
             leftover.unlink()  # it was never renamed, so nothing relies on it
 
 
-def _table(recording: Recording) -> pa.Table:
+def _table(recording: Recording) -> "pa.Table":
+    import pyarrow as pa
+
     columns = {name: pa.array(np.ascontiguousarray(values)) for name, values in named_columns(recording).items()}
     about = {"context": asdict(recording.context), "quality": dict(recording.quality), "source": recording.source}
-    return pa.table(columns).replace_schema_metadata({_METADATA: json.dumps(about, default=_plain).encode()})
+    return pa.table(columns).replace_schema_metadata({METADATA: json.dumps(about, default=_plain).encode()})
 
 
 def _plain(value: Any) -> Any:
@@ -109,32 +140,79 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be kept in a recording's metadata")
 
 
-def _read_parquet(path: Path) -> Recording:
+def _of_parquet(source: Any, where: str, columns: str | None = None) -> WorkRows:
+    """A recording; `columns` is for files whose names do not say where the positions are."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
-        table = pq.read_table(path)
+        with pq.ParquetFile(source) as file:  # one small file: threads and the search for a dataset take longer than they save
+            table = file.read(use_threads=False)
     except (pa.ArrowException, ValueError) as wrong:
-        raise BadInput(f"{path}: is not readable Parquet: {str(wrong).splitlines()[0]}") from None
-    layout = layout_by_name(str(path), table.column_names)
+        raise BadInput(f"{where}: is not readable Parquet: {str(wrong).splitlines()[0]}") from None
+    name = where.rpartition("/")[2]
+    if any(pa.types.is_nested(field.type) for field in table.schema):
+        table = _flat(table)
+    layout = _layout(table.column_names, where, columns)
 
     def column(k: int) -> Array:
+        values = table.column(k).to_numpy()
+        if values.dtype.kind in "mM":
+            values = _seconds(values)
         try:
-            return np.asarray(table.column(k).to_numpy(), dtype=float)
+            return np.asarray(values, dtype=float)
         except (ValueError, TypeError):
-            raise BadInput(f"{path}: column {table.column_names[k]} does not hold numbers") from None
+            raise BadInput(f"{where}: column {table.column_names[k]} does not hold numbers") from None
 
-    signals: dict[str, Any] = {field: column(k) for field, k in layout.scalars.items()}
-    signals |= {field: np.stack([column(k) for k in ks], axis=1) for field, ks in layout.joints.items()}
-    about = (table.schema.metadata or {}).get(_METADATA)
+    signals = signals_of(layout, column)
+    about = (table.schema.metadata or {}).get(METADATA)
     if about is None:
         payload = None if layout.payload is None else constant_value(column(layout.payload))
-        return Recording(**signals, context=Context(payload_kg=payload), source=path.name)
+        return work_rows(Recording(**signals, context=Context(payload_kg=payload), source=name), layout, column)
     try:
         document = json.loads(about)
-        return Recording(
-            **signals, context=_context(document["context"]), quality=document["quality"], source=document["source"] or path.name
+        recording = Recording(
+            **signals, context=_context(document["context"]), quality=document["quality"], source=document["source"] or name
         )
     except (ValueError, KeyError, TypeError) as wrong:
-        raise BadInput(f"{path}: its metadata is not a joint-monitor recording's: {wrong!r}") from None
+        raise BadInput(f"{where}: its metadata is not a joint-monitor recording's: {wrong!r}") from None
+    return work_rows(recording, layout, column)
+
+
+def _seconds(values: np.ndarray) -> Array:
+    """Times of any unit, as data frames and databases write them, in seconds; dates in Unix time. NaN where there is none."""
+    spans = values - np.datetime64(0, "s") if values.dtype.kind == "M" else values
+    seconds: Array = spans / np.timedelta64(1, "s")
+    return seconds
+
+
+def _layout(names: list[str], where: str, columns: str | None) -> Layout:
+    try:
+        return layout_by_name(where, names)
+    except BadInput:
+        if columns is None:
+            raise
+    layout = parse_columns(columns)
+    if layout.width != len(names):
+        raise BadInput(f"{where}: has {len(names)} columns, --columns {columns} names {layout.width}")
+    return layout
+
+
+def _flat(table: "pa.Table") -> "pa.Table":
+    """The table with one column a joint, in place of columns that hold a list in each row, as many loggers write them."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    flat: dict[str, Any] = {}
+    for field, column in zip(table.schema, table.columns, strict=True):
+        kind = field.type
+        lists = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+        lengths = pc.unique(pc.list_value_length(column)).drop_null().to_pylist() if lists else []
+        if len(lengths) == 1:
+            flat |= {f"{field.name}_{j}": pc.list_element(column, j) for j in range(lengths[0])}
+        else:
+            flat[field.name] = column
+    return pa.table(flat).replace_schema_metadata(table.schema.metadata)
 
 
 def _context(document: Mapping[str, Any]) -> Context:

@@ -1,8 +1,9 @@
 """Retention: the oldest recordings are pruned by age and by total size. I/O.
 
-A recording that waits for its assessment and the last few stay.
+A recording that waits for its assessment and the last few stay. With an archive, only what that has is pruned.
 """
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,9 +45,12 @@ class Retention:
         self._ledger = ledger
         self._recordings = recordings
 
-    def prune(self, *, days: float, most_bytes: float, at_unix_s: float) -> list[str]:
+    def prune(
+        self, *, days: float, most_bytes: float, at_unix_s: float, among: Collection[int] | None = None, but: Collection[int] = ()
+    ) -> list[str]:
         """Remove the recordings beyond these limits (0: no limit), and note it with their windows. Returns the removed files' names.
 
+        among : the windows whose recordings the archive has; all others stay, whatever the limits. but : windows whose recordings stay.
         Raises StoreError where one cannot be removed.
         """
         kept = []
@@ -59,10 +63,12 @@ class Retention:
             except FileNotFoundError:
                 self._ledger.mark_removed(row.id, at_unix_s)  # a person removed it, or a crash came between removing and noting
         going = to_prune(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
+        going = [each for each in going if each.ledger_id not in but and (among is None or each.ledger_id in among)]
         for each in going:
             try:
                 each.path.unlink(missing_ok=True)
-                self._recordings.first_pass_path(each.ledger_id).unlink(missing_ok=True)
+                if among is None:  # the archive has no first passes
+                    self._recordings.first_pass_path(each.ledger_id).unlink(missing_ok=True)
             except OSError as error:
                 raise StoreError(f"{each.path}: cannot be removed: {error.strerror}") from None
             self._ledger.mark_removed(each.ledger_id, at_unix_s)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.errors import StoreError
 
-HISTORY_SCHEMA = 6
+HISTORY_SCHEMA = 10
 MIGRATIONS: dict[int, str] = {
     1: """
     CREATE TABLE ledger (
@@ -143,6 +143,77 @@ MIGRATIONS: dict[int, str] = {
         program TEXT,                             -- none: the controller tells no names
         waited_s REAL,                            -- from the taking until the program went on; none: it did not
         given_back INTEGER NOT NULL
+    ) STRICT;
+    """,
+    7: """
+    CREATE TABLE change (                         -- which replay's rows were written or taken back, in the order in which that was done
+        seq INTEGER PRIMARY KEY AUTOINCREMENT,    -- no number is given out twice
+        ledger_id INTEGER NOT NULL,
+        at_unix_s REAL NOT NULL
+    ) STRICT;
+    CREATE INDEX change_of_replay ON change (ledger_id);
+    INSERT INTO change (ledger_id, at_unix_s)
+        SELECT ledger_id, coalesce(ended_at_unix_s, recorded_at_unix_s) FROM assessment JOIN ledger ON id = ledger_id ORDER BY ledger_id;
+    CREATE TRIGGER assessment_written AFTER INSERT ON assessment
+        BEGIN INSERT INTO change (ledger_id, at_unix_s) VALUES (new.ledger_id, (julianday('now') - 2440587.5) * 86400.0); END;
+    CREATE TRIGGER assessment_taken_back AFTER DELETE ON assessment
+        BEGIN INSERT INTO change (ledger_id, at_unix_s) VALUES (old.ledger_id, (julianday('now') - 2440587.5) * 86400.0); END;
+    -- tells this history from every other one; a restored one gets another
+    INSERT OR IGNORE INTO note (key, value) VALUES ('history_id', lower(hex(randomblob(8))));
+    """,
+    8: """
+    CREATE TABLE work_information (               -- sums over the arm's ordinary work that are being gathered
+        id INTEGER PRIMARY KEY CHECK (id = 1),
+        at_unix_s REAL NOT NULL,
+        document BLOB NOT NULL
+    ) STRICT;
+    CREATE TABLE work_observation (               -- what the work until the end of a day told, as it was judged
+        day INTEGER PRIMARY KEY,                  -- UTC, counted from 1970-01-01
+        at_unix_s REAL NOT NULL,                  -- when it was judged
+        document TEXT NOT NULL,
+        context TEXT NOT NULL,                    -- as it was declared
+        learnt TEXT NOT NULL,                     -- joints that were learned from
+        made_with TEXT NOT NULL REFERENCES circumstance (digest)
+    ) STRICT;
+    """,
+    9: """
+    CREATE TABLE archived (                       -- recordings whose copy in the archive was read back and compared
+        ledger_id INTEGER PRIMARY KEY REFERENCES ledger (id) ON DELETE CASCADE,
+        address TEXT NOT NULL,                    -- the whole one: s3://BUCKET/PREFIX/site=…, or a path
+        sha256 TEXT NOT NULL,
+        bytes INTEGER NOT NULL,
+        verified_at_unix_s REAL NOT NULL
+    ) STRICT;
+    """,
+    10: """
+    CREATE TABLE duty (                           -- what the arm did on one day, as far as it was heard
+        day INTEGER PRIMARY KEY,                  -- UTC, counted from 1970-01-01
+        heard_s REAL NOT NULL,
+        on_s REAL NOT NULL,
+        moving_s REAL NOT NULL,
+        stops INTEGER NOT NULL                    -- by the arm's safety system
+    ) STRICT;
+    CREATE TABLE safety_stop (                    -- a stop that the arm's safety system made by itself
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        at_unix_s REAL NOT NULL,
+        kind TEXT NOT NULL,                       -- protective_stop, violation or fault
+        ended_at_unix_s REAL,
+        joint INTEGER,                            -- where the controller told it
+        code TEXT,
+        during_replay INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX safety_stop_by_time ON safety_stop (at_unix_s);
+    CREATE TABLE inspection (                     -- a check that somebody says was made
+        id INTEGER PRIMARY KEY,
+        item TEXT NOT NULL,
+        done_at_unix_s REAL NOT NULL,
+        declared_at_unix_s REAL NOT NULL,
+        hours REAL,                               -- operating hours of then
+        done_by TEXT NOT NULL,
+        why TEXT NOT NULL,
+        undone_at_unix_s REAL,
+        undone_by TEXT,
+        undone_why TEXT
     ) STRICT;
     """,
 }

@@ -18,6 +18,7 @@ from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.timestamps import unix_s
 from monitor.recording import Array, Recording
+from monitor.store.archived_files import local_file
 from monitor.store.recordings import read_recording
 
 UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: the time of the first file where files have no times of their own
@@ -205,7 +206,7 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
 def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
     """The recording with its declarations, and its mounting: the entry's, else the file's own, else the series'."""
-    recording = replace(read_recording(entry.file, series.columns), source=entry.file.name)
+    recording = replace(read_recording(local_file(entry.file), series.columns), source=entry.file.name)
     context = recording.context
     mounting = entry.mounting or series.mounting
     if entry.mounting is None and context.mounting_rad is not None:

@@ -14,13 +14,18 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError, StoreInUse
+from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archived import Archived
 from monitor.store.assessments import Assessments
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.store.borrows import Borrows
+from monitor.store.changes import Changes
 from monitor.store.database import Database, Notes
+from monitor.store.duties import Duties
 from monitor.store.events import Events
 from monitor.store.ledger import Ledger
 from monitor.store.motions import Motions
+from monitor.store.ordinary_work import OrdinaryWork
 from monitor.store.recordings import RecordingFolder
 from monitor.store.retention import Retention
 from monitor.store.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
@@ -50,8 +55,12 @@ class Store:
         self.first_passes = FirstPasses(self.database)
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)
+        self.changes = Changes(self.database)
         self.works = Works(self.database)
+        self.ordinary_work = OrdinaryWork(self.database)
+        self.duties = Duties(self.database)
         self.notes = Notes(self.database)
+        self.archived = Archived(self.database, self.recordings)
         self.retention = Retention(self.ledger, self.recordings)
 
     @classmethod
@@ -91,6 +100,7 @@ class Store:
                 store.restored = Restored(why, None, None, time.time(), replaced=False)
             if store.restored is not None:
                 store.events.number_from(store.restored.at_unix_s)
+                store.changes.begin_another_history()
                 store.notes.set(RESTORED, store.restored.text)
                 text = "a stop that waited for a person, or a motion under way, may be lost with it"
                 store.stops.add(HISTORY_RESTORED, f"{store.restored.text}; {text}", store.restored.at_unix_s)
@@ -103,9 +113,10 @@ class Store:
 
     @classmethod
     @contextmanager
-    def reader(cls, directory: Path) -> Iterator["Store"]:
+    def reader(cls, directory: Path, archive: ArchiveSettings | None = None) -> Iterator["Store"]:
         """Open the store for reading, also while the daemon writes. A history of an older program is read as it is at this moment.
 
+        archive : where recordings that are no longer here are fetched from; None: as the history has noted it.
         Raises StoreError where there is no history yet, or the file is newer or another program's.
         """
         path = directory / HISTORY
@@ -116,7 +127,9 @@ class Store:
             if 0 < schema_of(connection, directory) < HISTORY_SCHEMA:
                 with closing(connection):
                     connection = renewed_copy(connection, directory)
-            yield cls(directory, connection)
+            store = cls(directory, connection)
+            store.archived.settings = archive
+            yield store
         except sqlite3.DatabaseError as error:
             raise refused_by(error, path) from None
         finally:

@@ -1,26 +1,40 @@
 """Recordings as text: CSV with any separator, with RTDE's names in a header or with columns that the caller names."""
 
+import codecs
 import re
 from collections import Counter
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.recording import Context, Recording
-from monitor.store.columns import Layout, constant_value, layout_by_name, parse_columns
+from monitor.identify.work.rows import WorkRows
+from monitor.recording import Array, Context, Recording
+from monitor.store.columns import Layout, constant_value, layout_by_name, parse_columns, signals_of, work_rows
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+_SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
+_UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
+COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, xz, zstd
 
 
-def read_text(path: Path, columns: str | None) -> Recording:
-    """A recording from text. `columns` names what stands in a file without RTDE's names. Raises BadInput where the file is none."""
-    text = path.read_text("utf-8-sig", errors="replace")
-    if "\0" in text[:4096]:
-        raise BadInput(f"{path}: is binary, and not Parquet; expected a recording as Parquet or CSV")
+def read_text(path: Path, columns: str | None) -> WorkRows:
+    """A recording from text, with the columns that only work needs.
+
+    columns : what stands in a file without RTDE's names. Raises BadInput where the file is none.
+    """
+    content = path.read_bytes()
+    # Excel's "Unicode text" is UTF-16
+    text = content.decode("utf-16" if content.startswith(_UTF_16) else "utf-8-sig", errors="replace")
+    packed = content.startswith(COMPRESSED)
+    if packed or "\0" in text[:4096]:
+        hint = "unpack it first" if packed else "export it as CSV, or as Parquet, with one column a joint and signal"
+        raise BadInput(f"{path}: is binary, and not Parquet; expected a recording as Parquet or CSV: {hint}")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if lines and _SEPARATOR.fullmatch(lines[0].strip()):
+        del lines[0]
     if not lines:
         raise BadInput(f"{path}: is empty")
     separator = _separator(lines[0])
@@ -66,22 +80,30 @@ def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bo
     return all(not any(_split(line, separator)[width:]) for line in lines[:100])
 
 
-def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> Recording:
-    wanted = [*layout.scalars.values(), *(k for ks in layout.joints.values() for k in ks)]
-    if layout.payload is not None:
-        wanted.append(layout.payload)
+def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> WorkRows:
     rows = np.full((len(lines), layout.width), np.nan)
-    decimal_comma = separator != ","
+    decimal_comma, wanted, time = separator != ",", layout.read, layout.scalars["t_s"]
     for row, line in zip(rows, lines, strict=True):
         parts = _split(line, separator)
         if len(parts) < layout.width or any(parts[layout.width :]):
             continue  # torn: the fields' positions are unknown, and the last field may be cut
         for k in wanted:
             row[k] = _number(parts[k], decimal_comma)
-    signals: dict[str, Any] = {field: rows[:, k] for field, k in layout.scalars.items()}
-    signals |= {field: rows[:, ks] for field, ks in layout.joints.items()}
-    payload = None if layout.payload is None else constant_value(rows[:, layout.payload])
-    return Recording(**signals, context=Context(payload_kg=payload), source=path.name)
+        if np.isnan(row[time]):
+            row[time] = _unix_s(parts[time])
+
+    if not np.any(np.isfinite(rows[:, time])):
+        written = [parts[time] for parts in (_split(line, separator) for line in lines[:100]) if len(parts) >= layout.width]
+        if written and written[0] and not _NUMBER.fullmatch(written[0]):
+            raise BadInput(f"{path}: the times are no numbers, such as {written[0]!r}; expected seconds, or date and time")
+
+    def column(k: int) -> Array:
+        values: Array = rows[:, k]
+        return values
+
+    payload = None if layout.payload is None else constant_value(column(layout.payload))
+    recording = Recording(**signals_of(layout, column), context=Context(payload_kg=payload), source=path.name)
+    return work_rows(recording, layout, column)
 
 
 def _number(text: str, decimal_comma: bool) -> float:
@@ -90,3 +112,15 @@ def _number(text: str, decimal_comma: bool) -> float:
         return float(text.replace(",", ".") if decimal_comma else text)
     except ValueError:
         return float("nan")
+
+
+def _unix_s(text: str) -> float:
+    """A date and time as databases and spreadsheets export it, `2026-11-23T06:04:15.250Z`, in Unix time [s]; NaN where it is none.
+
+    Without a zone it counts as UTC: only differences matter.
+    """
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError:
+        return float("nan")
+    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()

@@ -1,5 +1,6 @@
 """Recordings as files: written ones are read back exactly, files of others are read or refused with the reason."""
 
+import gzip
 from dataclasses import fields
 
 import numpy as np
@@ -114,6 +115,15 @@ def test_every_usual_separator_and_decimal_sign_is_understood(tmp_path, separato
     assert_is_rows(read_recording(file, None if header else SPEC))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("first", ["", "sep=;\n", '"sep=;"\n'])
+def test_what_excel_writes_is_read(tmp_path, encoding, first):
+    """A byte order mark, UTF-16 as of its Unicode text, a first line that names the separator."""
+    file = tmp_path / "a.csv"
+    file.write_bytes((first + text(";", ",")).encode(encoding))
+    assert_is_rows(read_recording(file))
+
+
 def test_a_header_is_skipped_where_columns_are_described(tmp_path):
     """The names in the header are unknown, and --columns explains the columns. Quotes and a byte order mark are accepted."""
     file = tmp_path / "a.csv"
@@ -147,6 +157,21 @@ def test_other_columns_may_hold_anything(tmp_path):
     recording = read_recording(file)
     assert_is_rows(recording)
     assert recording.context.payload_kg == 1.5
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
+@pytest.mark.parametrize("between", [" ", "T"])
+def test_a_date_and_time_is_a_time(tmp_path, zone, between):
+    """Databases and data frames export such a column. A row whose date is torn stays, and counts as torn."""
+    lines = text().splitlines()
+    at = [f"2026-11-23{between}06:04:{15 + row[0]:09.6f}{zone}" for row in ROWS]
+    torn = "2026-11-2" + lines[1][lines[1].index(",") :]
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join([lines[0], *(when + line[line.index(",") :] for when, line in zip(at, lines[1:], strict=True)), torn]))
+    recording = read_recording(file)
+    np.testing.assert_allclose(np.diff(recording.t_s[:-1]), np.diff(ROWS[:, 0]), atol=1e-6)
+    assert np.isnan(recording.t_s[-1])
+    np.testing.assert_array_equal(recording.q[:-1], ROWS[:, 1:3])
 
 
 def test_torn_rows_survive_reading_as_nan(tmp_path):
@@ -188,8 +213,16 @@ def make(tmp_path, content):
         (text().replace("actual_q_", "joint_"), None, "holds no joint positions .* it names timestamp, joint_0"),
         (text().replace("timestamp", "when"), None, "holds no column timestamp"),
         (text().replace("actual_qd_1", "actual_qd_3"), None, "actual_qd has the indices 0, 3; expected 0 … 1"),
+        (
+            "\n".join([text().splitlines()[0], *("08:15:0" + line for line in text(header=False).splitlines())]),
+            None,
+            "the times are no numbers, such as '08:15:0-1.000'; expected seconds",
+        ),
         (b"PAR1 and then nothing", None, "not readable Parquet"),
-        (b"\x7fELF\0\0\0", None, "is binary, and not Parquet"),
+        (b"\x7fELF\0\0\0", None, "is binary, and not Parquet.* export it as CSV"),
+        pytest.param(
+            gzip.compress(text().encode()), None, "is binary, and not Parquet.* unpack it first", id="gzip"
+        ),  # its bytes hold the time
     ],
 )
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path, content, columns, message):
@@ -213,3 +246,40 @@ def test_parquet_without_positions_or_numbers_is_refused(tmp_path):
     pd.DataFrame({"timestamp": [0.0], "actual_q_0": ["zero"]}).to_parquet(tmp_path / "b.parquet")
     with pytest.raises(BadInput, match="column actual_q_0 does not hold numbers"):
         read_recording(tmp_path / "b.parquet")
+
+
+def test_parquet_with_a_list_in_each_row_is_read_as_one_column_a_joint(tmp_path):
+    """Loggers write RTDE's vectors so; a row without a list stays, as NaN."""
+    lists = [row.tolist() for row in ROWS[:, 1:3]]
+    pd.DataFrame({"timestamp": ROWS[:, 0], "actual_q": [*lists[:-1], None], "names": [["a", "b"]] * len(ROWS)}).to_parquet(
+        tmp_path / "a.parquet"
+    )
+    recording = read_recording(tmp_path / "a.parquet")
+    np.testing.assert_array_equal(recording.q[:-1], ROWS[:-1, 1:3])
+    assert np.isnan(recording.q[-1]).all()
+
+
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+@pytest.mark.parametrize(("begin", "zone"), [(None, None), ("2026-11-23T06:04:15", None), ("2026-11-23T06:04:15", "UTC")])
+def test_times_of_parquet_are_seconds_whatever_their_unit(tmp_path, unit, zone, begin):
+    """Data frames and databases write dates or spans so; where one is missing, the row stays, as NaN."""
+    spans = np.round(1e3 * ROWS[:, 0]).astype("timedelta64[ms]").astype(f"timedelta64[{unit}]")
+    spans[-1] = np.timedelta64("NaT")
+    times = pd.Series(spans) if begin is None else pd.Series(np.datetime64(begin) + spans).dt.tz_localize(zone)
+    pd.DataFrame({"timestamp": times, "actual_q_0": ROWS[:, 1]}).to_parquet(tmp_path / "a.parquet")
+    t_s = read_recording(tmp_path / "a.parquet").t_s
+    began_s = 0.0 if begin is None else 1_795_413_855.0
+    np.testing.assert_allclose(t_s[:-1] - began_s, ROWS[:-1, 0], atol=5e-4)
+    assert np.isnan(t_s[-1])
+
+
+def test_columns_name_those_of_parquet_too_where_its_names_do_not(tmp_path):
+    """By their order, as in text. Parquet in RTDE's names is read by these: beside it, the same `--columns` may be for another file."""
+    table = pd.DataFrame(ROWS, columns=list("tabcdef"))
+    table.to_parquet(tmp_path / "a.parquet")
+    assert_is_rows(read_recording(tmp_path / "a.parquet", SPEC))
+    with pytest.raises(BadInput, match=r"has 7 columns, --columns timestamp,actual_q:2 names 3"):
+        read_recording(tmp_path / "a.parquet", "timestamp,actual_q:2")
+    table.columns = HEADER
+    table.to_parquet(tmp_path / "b.parquet")
+    assert_is_rows(read_recording(tmp_path / "b.parquet", "timestamp,actual_q:6"))

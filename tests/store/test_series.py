@@ -22,6 +22,7 @@ from monitor.store.recordings import read_recording, write_recording
 from monitor.store.series import Entry, Series, assess_series, dated, interval_s, manifest
 from monitor.studies.rehearsal import detection
 from monitor.studies.rehearsal import rehearse as rehearsal
+from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS
 
 ROOT = Path(__file__).parents[2]
@@ -79,16 +80,17 @@ def test_assess_prints_one_object(recordings):
 def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 
-    Wear begins within a month of the end of learning and is watched for 60 days more: by then 100 % a year is found, which is asked here.
-    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. Lives are short ones, of a
-    quarter of a year and less, and every arm is asked on each path at each share of its life.
+    Wear begins within ten days of the end of learning and is watched for 45 days more: by then 100 % a year is found, which is asked here.
+    That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. The fleet without wear is
+    watched for a fifth of a year. Lives are short ones, of some weeks, and every arm is asked on each path at each share of its life.
     """
-    monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 30))
-    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + 90)
-    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(1.20, 2.40)))
+    monkeypatch.setattr(rehearsal, "FleetSettings", partial(FleetSettings, days=LEARNING_DAYS + 73))
+    monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 10))
+    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + 55)
+    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(2.40, 4.80)))
     picture = tmp_path / "delays.png"
     document = json.loads(printed("rehearse", "--config", ROOT / "config/monitor.toml", "--arms", 16, "--json", "--plot", picture))
-    assert document["robot_years"] == 16
+    assert document["robot_years"] == pytest.approx(16 * 73 / 365)
     assert {row["wear"] for row in document["detection"]} >= {"5 % step", "10 %/year"}
     fast = next(row for row in document["detection"] if row["wear"] == "100 %/year")
     assert fast["median_days"] < 40
