@@ -1,6 +1,10 @@
-"""Files that a configuration names: trajectories and cells, shipped ones or the site's own. I/O."""
+"""Files that a configuration names: trajectories and cells, shipped ones or the site's own; files written as a whole. I/O."""
 
+import contextlib
+import hashlib
 import json
+import os
+import tempfile
 import tomllib
 from importlib.resources import files
 from pathlib import Path
@@ -8,8 +12,9 @@ from typing import Any
 
 from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadInput
+from monitor.judge.drift.prior import FleetPrior, prior_from_document
 from monitor.model.fourier import Excitation, excitation_from_document
-from monitor.model.robot import Mounting
+from monitor.model.robot import Mounting, load_robot
 
 
 def shared_file(name: str) -> Path:
@@ -71,3 +76,46 @@ def load_cell(path: Path) -> Cell:
         raise BadInput(f"{path}: not TOML: {error}") from None
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
+
+
+def find_prior(name: Any, model: str, reference_speed_rad_s: float, beside: Path) -> FleetPrior | None:
+    """A fleet's prior for a robot model, by the path of its file; None for the empty name.
+
+    Raises BadInput where there is no such file, or it holds no prior of this model at this speed.
+    """
+    if name == "":
+        return None
+    if not isinstance(name, str):
+        raise BadInput(f"{name!r}: expected the path of a file that `joint-monitor prior` has written")
+    path = beside / name
+    try:
+        content = path.read_bytes()
+        document = json.loads(content)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path}: {error}") from None
+    except RecursionError:
+        raise BadInput(f"{path}: is nested too deeply; expected a fleet prior") from None
+    try:
+        digest = hashlib.sha256(content).hexdigest()[:16]
+        return prior_from_document(document, model, load_robot(model).joints, reference_speed_rad_s, digest=digest)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
+
+
+def write_whole(path: Path, content: bytes, *, mode: int) -> None:
+    """Write a file as a whole or not at all, also over an older one, with these permissions. Raises BadInput where it cannot be written."""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(temporary, mode)
+            os.replace(temporary, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None

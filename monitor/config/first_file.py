@@ -1,15 +1,14 @@
 """The first configuration of an arm, written from answers: a TOML file with a comment for what a person must know. I/O."""
 
-import contextlib
 import json
 import os
-import tempfile
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from monitor.config.files import write_whole
 from monitor.errors import BadInput
 
 COMMENT_WIDTH = 120  # characters of a line that is only a comment
@@ -23,6 +22,7 @@ class Answers:
     site: str
     id: str
     host: str
+    robot_api_port: int  # of a PolyScope X; 80, where it always is, is left out
     mounting: str
     payload_kg: float
     payload_cog_m: tuple[float, ...]
@@ -79,6 +79,7 @@ def _robot(answers: Answers) -> list[str]:
         _line("site", answers.site, "part of the bus's keys"),
         _line("id", answers.id, "likewise; unique within the site"),
         _line("host", answers.host, "the controller"),
+        *([] if answers.robot_api_port == 80 else [_line("robot_api_port", answers.robot_api_port, "of its Robot API; 80 on a real arm")]),
         _line("mounting", answers.mounting, 'ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees'),
         _line("payload_kg", answers.payload_kg, "as set in the controller"),
     ]
@@ -145,21 +146,7 @@ def write_new(path: Path, text: str, *, force: bool) -> None:
     """Write a file as a whole or not at all. Raises BadInput where it exists and `force` is false, or where it cannot be written."""
     if path.exists() and not force:
         raise BadInput(f"{path} exists; nothing was written. Give another name, or --force to replace it")
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(temporary, 0o644 & ~_umask())
-            os.replace(temporary, path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-            raise
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+    write_whole(path, text.encode(), mode=0o644 & ~_umask())
 
 
 def _umask() -> int:

@@ -12,14 +12,16 @@ import numpy as np
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.assess import AssessSettings
-from monitor.config.files import find_cell, find_excitation
+from monitor.config.files import find_cell, find_excitation, find_prior
 from monitor.config.schema import Configuration, RobotSettings, StoreSettings, assess_sections, retired_keys, section_classes, text_keys
 from monitor.config.sections import nearest, read_section
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.session import BusSettings, prefix
+from monitor.publish.timestamps import unix_s
 
 Made = TypeVar("Made")
 
@@ -116,6 +118,8 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
         mistakes.append(f"[{unknown}]: unknown section{nearest(unknown, names)}")
     replay = document.get("replay", {})
     chosen = _taken_from(replay, mistakes) if isinstance(replay, dict) else _Trajectory()
+    drift = document.get("drift", {})
+    prior = drift.pop("prior", "") if isinstance(drift, dict) else ""
     sections = {name: read_section(name, cls, document.get(name, {}), mistakes) for name, cls in classes.items()}
     robot: RobotSettings | None = sections["robot"]
     sections["replay"] = _replay_section(replay, robot, mistakes)
@@ -125,6 +129,10 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
         _check_robot(robot, mistakes)
         if chosen.excitation or not any(mistake.startswith(("robot.model:", "robot.mounting:")) for mistake in mistakes):
             excitation = _checked(mistakes, "replay.excitation", lambda: find_excitation(chosen.excitation or shipped, path.parent))
+        if sections["drift"] and not any(mistake.startswith("robot.model:") for mistake in mistakes):
+            speed = sections["drift"].reference_speed_rad_s
+            found = _checked(mistakes, "drift.prior", lambda: find_prior(prior, robot.model, speed, path.parent))
+            sections["drift"] = dataclasses.replace(sections["drift"], prior=found)
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
         mistakes.append(f"store.directory = {sections['store'].directory!r}: expected the path of a folder")
     if excitation is not None:
@@ -136,12 +144,14 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
             _check_gains(robot, mistakes)
     if excitation is not None and robot and excitation.robot != robot.model:
         mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
+    if sections["inspection"]:
+        _check_inspection(sections["inspection"], mistakes)
     sections["bus"] = _with_zenoh_files(sections["bus"], path, mistakes)
     if mistakes:
         return None
     assert excitation is not None  # or there would be a mistake
     assert robot is not None  # likewise
-    rooms = ("schedule", "store", "replay", "bus", "metrics", "page")
+    rooms = ("schedule", "store", "replay", "bus", "metrics", "page", "work", "inspection")
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in assess_sections()})
     made = {name: sections[name] for name in rooms}
     return Configuration(path=path, robot=robot, assess=assess, excitation=excitation, notices=_notices(document), **made)
@@ -186,6 +196,15 @@ def _check_robot(robot: RobotSettings, mistakes: list[str]) -> None:
     for plane in robot.safety_planes:
         if len(plane) != 4 or not abs(math.hypot(*plane[:3]) - 1.0) <= 1e-3:
             mistakes.append(f"robot.safety_planes: {list(plane)}: expected a, b, c, d with a² + b² + c² = 1; a·x + b·y + c·z ≤ d is free")
+
+
+def _check_inspection(inspection: InspectionSettings, mistakes: list[str]) -> None:
+    """Each last time of a check is a date."""
+    for item in inspection.items:
+        try:
+            unix_s(item.last_done or "1970-01-01")
+        except ValueError:
+            mistakes.append(f'inspection.items: last_done = {item.last_done!r} of {item.name!r}; expected a date, e.g. "2026-01-31"')
 
 
 def _check_gains(robot: RobotSettings, mistakes: list[str]) -> None:

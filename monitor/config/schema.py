@@ -10,13 +10,18 @@ from annotated_types import Interval
 
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.acquire.work_settings import WorkListenSettings
 from monitor.assess import AssessSettings
+from monitor.errors import BadInput
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
-from monitor.publish.metrics import MetricsSettings
+from monitor.publish.metrics_settings import MetricsSettings
 from monitor.publish.session import BusSettings, prefix
 from monitor.recording import Array, Context
+from monitor.store.archive_places import BUCKET, ENDPOINT
+from monitor.store.archive_settings import FOLDER, ArchiveSettings
 from monitor.views.web.settings import PageSettings
 
 if TYPE_CHECKING:
@@ -57,6 +62,21 @@ class StoreSettings:
     )
     recordings_gb: Annotated[float, Interval(ge=0.0, le=1e6)] = 20.0  # [GB] the oldest recordings beyond this total are pruned; 0: no limit
     least_free_mb: Annotated[float, Interval(ge=1.0, le=1e6)] = 500.0  # [MB] with less free space on the disk nothing is replayed
+    recordings: str = ""  # an archive: s3://BUCKET/PREFIX, or a folder, relative to the configuration file; empty: there is none
+    recordings_endpoint: str = ""  # of an S3 server that is not Amazon's, e.g. https://minio.example:9000
+    recordings_region: str = ""
+    recordings_keys_file: str = ""  # as ~/.aws/credentials; may begin with ${CREDENTIALS_DIRECTORY}
+    recordings_ca_file: str = ""  # PEM, where an authority of one's own signed the server's certificate
+    keep_local_days: Annotated[float, Interval(ge=0.0, le=36500.0)] = 0.0  # [d] with an archive; 0: as recordings_days
+
+    def __post_init__(self) -> None:
+        """Raises BadInput naming the key that is wrong. An address is not repeated: somebody may have written a key into it."""
+        if "://" in self.recordings and not BUCKET.match(self.recordings):
+            raise BadInput('recordings = …; expected "s3://BUCKET/PREFIX" without user, query or blanks, or the path of a folder')
+        if self.recordings_endpoint and not ENDPOINT.match(self.recordings_endpoint):
+            raise BadInput("recordings_endpoint = …; expected http:// or https://, the server's name, and perhaps :PORT")
+        if self.keep_local_days and not self.recordings:
+            raise BadInput("keep_local_days = …; it is for recordings that an archive has as well: name that in recordings")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +100,8 @@ class Configuration:
     page: PageSettings
     assess: AssessSettings
     excitation: Excitation
+    work: WorkListenSettings = dataclasses.field(default_factory=WorkListenSettings)
+    inspection: InspectionSettings = dataclasses.field(default_factory=InspectionSettings)
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
     notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
 
@@ -128,6 +150,21 @@ class Configuration:
         return (self.path.parent / self.store.directory).resolve()
 
     @property
+    def archive(self) -> ArchiveSettings | None:
+        """Where the recordings go besides; None: nowhere. Relative paths start from the folder of the file."""
+        store, folder = self.store, self.path.parent
+        if not store.recordings:
+            return None
+        keys_file = store.recordings_keys_file
+        return ArchiveSettings(
+            address=store.recordings if "://" in store.recordings else str((folder / store.recordings).resolve()),
+            endpoint=store.recordings_endpoint,
+            region=store.recordings_region,
+            keys_file=keys_file if not keys_file or keys_file.startswith(FOLDER) else str((folder / keys_file).resolve()),
+            ca_file=str((folder / store.recordings_ca_file).resolve()) if store.recordings_ca_file else "",
+        )
+
+    @property
     def context(self) -> Context:
         """The context that every recording of this robot shares."""
         return Context(
@@ -145,7 +182,7 @@ class Configuration:
 def section_classes() -> dict[str, type]:
     """The sections that are one room's settings each."""
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms |= {"metrics": MetricsSettings, "page": PageSettings}
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings, "work": WorkListenSettings, "inspection": InspectionSettings}
     return rooms | assess_sections() | {"assess": FlowSettings}
 
 
@@ -173,4 +210,4 @@ def text_keys() -> set[str]:
 
     for name, cls in {**section_classes(), "replay": ReplaySettings}.items():
         collect(cls, name)
-    return keys | {"replay.excitation", "replay.cell"}
+    return keys | {"replay.excitation", "replay.cell", "drift.prior"}

@@ -9,7 +9,9 @@ from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, 
 
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
+from monitor.judge.drift.prior import FleetPrior
 
+OF_OTHER_FILES = (Cell, FleetPrior)  # a key names the file that holds the value
 # TOML's words for pydantic's types of error
 _EXPECTED = {
     "string_type": "expected text in quotes",
@@ -62,11 +64,24 @@ _STRICT: dict[Any, Any] = {bool: StrictBool, int: StrictInt, float: StrictFloat}
 
 
 def _strict(hint: Any) -> Any:
-    """The strict type that pydantic checks, with its bounds."""
+    """The strict type that pydantic checks, with its bounds; a list of tables has the model of its table."""
     if get_origin(hint) is Annotated:
         inner, *bounds = get_args(hint)
         return Annotated[_STRICT.get(inner, inner), *bounds]
-    return _STRICT.get(hint, hint)
+    table = _table_of(hint)
+    return _STRICT.get(hint, hint) if table is None else tuple[_schema(table), ...]  # type: ignore[misc]
+
+
+def _table_of(hint: Any) -> type | None:
+    """The settings class of a list of tables, `tuple[Class, ...]`; None for any other type."""
+    inner = get_args(hint)[0] if get_origin(hint) is tuple else None
+    return inner if isinstance(inner, type) and dataclasses.is_dataclass(inner) else None
+
+
+def _default(field: "dataclasses.Field[Any]") -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return ... if field.default is dataclasses.MISSING else field.default
 
 
 def _schema(cls: type) -> type[BaseModel]:
@@ -75,13 +90,13 @@ def _schema(cls: type) -> type[BaseModel]:
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
-        if hint == Cell | None:  # the file names it, and another file holds it
+        if any(hint == each | None for each in OF_OTHER_FILES):
             continue
         if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             nested = _schema(hint)
             fields[field.name] = (nested, nested())
         else:
-            fields[field.name] = (_strict(hint), ... if field.default is dataclasses.MISSING else field.default)
+            fields[field.name] = (_strict(hint), _default(field))
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
 
 
@@ -91,6 +106,8 @@ def _made(cls: type, checked: BaseModel) -> Any:
         if name not in type(checked).model_fields:
             continue
         value = getattr(checked, name)
+        if (table := _table_of(hint)) is not None:
+            value = tuple(_made(table, each) for each in value)
         values[name] = _made(hint, value) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else value
     return cls(**values)
 
@@ -98,7 +115,9 @@ def _made(cls: type, checked: BaseModel) -> Any:
 def _keys(cls: type, place: tuple[int | str, ...]) -> list[str]:
     """The keys that a table may have, `place` levels down."""
     for step in place:
-        cls = get_type_hints(cls)[str(step)]
+        if not isinstance(step, int):  # the number of a table in a list
+            hint = get_type_hints(cls)[step]
+            cls = _table_of(hint) or hint
     return [field.name for field in dataclasses.fields(cls)]
 
 

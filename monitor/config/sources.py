@@ -9,6 +9,7 @@ from typing import Any
 PREFIX = "JOINT_MONITOR__"  # JOINT_MONITOR__SCHEDULE__CRON="0 4 * * *"
 CREDENTIAL = "credential:"  # token = "credential:page-token": the file page-token in $CREDENTIALS_DIRECTORY
 _HEADER = re.compile(r"\s*\[\s*([A-Za-z0-9_.\-\s\"']+?)\s*\]\s*(#.*)?$")
+_LISTED = re.compile(r"\s*\[\[\s*([A-Za-z0-9_.\-\s\"']+?)\s*\]\]\s*(#.*)?$")  # of a table in a list
 _KEY = re.compile(r"\s*([A-Za-z0-9_\-.\"']+)\s*=")
 _PLACE = re.compile(r"\[(?P<section>[\w.-]+)\](?: \w+: (?P<key>\w+))?|(?P<dotted>[\w-]+(?:\.[\w-]+)+|[\w-]+)(?=[:\s])")
 
@@ -59,13 +60,18 @@ def with_credentials(document: Any, directory: str | None, mistakes: list[str], 
             key: with_credentials(value, directory, mistakes, secrets, f"{place}.{key}" if place else str(key))
             for key, value in document.items()
         }
+    if isinstance(document, list):
+        return [with_credentials(value, directory, mistakes, secrets, f"{place}.{number}") for number, value in enumerate(document)]
     if not (isinstance(document, str) and document.startswith(CREDENTIAL)):
         return document
     name = document.removeprefix(CREDENTIAL)
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name) or name in {".", ".."}:
         mistakes.append(f"{place}: {document!r}: expected {CREDENTIAL}NAME, the name of a file in $CREDENTIALS_DIRECTORY")
     elif not directory:
-        mistakes.append(f"{place}: asks for the credential {name}, and $CREDENTIALS_DIRECTORY is not set; the service manager sets it")
+        mistakes.append(
+            f"{place}: asks for the credential {name}, and $CREDENTIALS_DIRECTORY is not set; the service manager sets it for the service, "
+            f"and by hand it is the folder of a file {name}"
+        )
     else:
         try:
             secret = (Path(directory) / name).read_text("utf-8").strip()
@@ -101,8 +107,15 @@ def line_of(text: str, keys: list[str]) -> int | None:
     """The line of a TOML file on which a key is set, else on which its table begins; None where neither stands in it."""
     section: list[str] = []
     table = None
+    counts: dict[str, int] = {}  # tables of each list so far
     for number, line in enumerate(text.splitlines(), start=1):
-        if header := _HEADER.match(line):
+        if listed := _LISTED.match(line):
+            name = ".".join(_parts(listed[1]))
+            section = [*name.split("."), str(counts.get(name, 0))]
+            counts[name] = counts.get(name, 0) + 1
+            if table is None and section in (keys, [*keys, "0"], keys[: len(section)]):
+                table = number
+        elif header := _HEADER.match(line):
             section = _parts(header[1])
             if section == keys or (section == keys[: len(section)] and table is None):
                 table = number

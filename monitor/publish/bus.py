@@ -58,7 +58,8 @@ class Bus:
         self._answers = dict(answers or {})
         self._last: dict[str, tuple[str, bytes]] = {}
         self._lock = threading.Lock()
-        self._outbox: queue.Queue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.Queue(QUEUE_LENGTH)
+        # the fastest queue; `_enqueue` limits its length
+        self._outbox: queue.SimpleQueue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.SimpleQueue()
         self.dropped = 0
         config = session_config(
             mode="peer", listen=settings.listen, connect=settings.connect, wait_for_peer=False, zenoh_file=settings.zenoh
@@ -67,7 +68,7 @@ class Bus:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             raise BusError(f"Zenoh cannot open {', '.join(settings.listen) or 'a session'}: {str(error).split(' at /')[0]}") from None
-        self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # the fastest queue; `_hand_over` limits its length
+        self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # likewise; `_hand_over` limits it
         self._queryable = self._session.declare_queryable(f"{key_prefix}/**", self._hand_over, complete=True)
         self._alive = self._session.liveliness().declare_token(f"{key_prefix}/alive/monitor")
         self._robot_alive: zenoh.LivelinessToken | None = None
@@ -86,11 +87,10 @@ class Bus:
         """Send what is queued, then close the session. A second call does nothing. An open session would block the interpreter's exit."""
         if self._session.is_closed():
             return
-        try:
-            self._outbox.put(None, timeout=5.0)
-        except queue.Full:
-            log.warning("bus: %d documents were not sent before closing", self._outbox.qsize())
-        self._threads[0].join(timeout=6.0)
+        self._outbox.put(None)
+        self._threads[0].join(timeout=11.0)
+        if self._threads[0].is_alive():
+            log.warning("bus: %d documents were not sent before closing", self._outbox.qsize() - 1)
         self._queryable.undeclare()
         for _ in self._threads[1:]:
             self._inbox.put(None)
@@ -170,9 +170,9 @@ class Bus:
             self._robot_alive = None
 
     def _enqueue(self, item: tuple[str, str, bytes, bool, Callable[[], None] | None]) -> None:
-        try:
-            self._outbox.put_nowait(item)
-        except queue.Full:
+        if self._outbox.qsize() < QUEUE_LENGTH:
+            self._outbox.put(item)
+        else:
             self.dropped += 1
             if self.dropped == 1 or self.dropped % 1000 == 0:
                 log.warning("bus: queue full, %d documents dropped; last values are still answered", self.dropped)

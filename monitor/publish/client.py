@@ -36,6 +36,7 @@ from monitor.publish.documents import (
     UndoServicedRequest,
     UnshelveRequest,
 )
+from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import KINDS, kind_of
 from monitor.publish.session import prefix, session_config
 
@@ -171,6 +172,10 @@ class Client:
     def undo_serviced(self, joint: int, *, by: str, why: str = "") -> Answer:
         """Take the last declared work on a joint back. Raises BadInput with the daemon's reason where that is not possible."""
         return self._answer(UndoServicedRequest(joint=joint, by=by, why=why), timeout_s=max(self._timeout_s, JUDGED_AGAIN_S))
+
+    def inspected(self, request: InspectedRequest | UndoInspectedRequest) -> Answer:
+        """Record a check of [inspection], or take the last record of it back. Raises BadInput with the daemon's reason where it refuses."""
+        return self._answer(request)
 
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""

@@ -133,6 +133,24 @@ class ProductionEvidence(Document):
     probability: Fraction = Field(description="that friction has risen at all")
 
 
+class Ripple(Document):
+    """Gear ripple of one joint's current, a figure for each number of cycles a turn: evidence that raises no alert."""
+
+    cycles_per_turn: list[int] = Field(description="of the joint: once, twice and four times a turn of its motor")
+    amplitude_a: list[Maybe] = Field(description="of the last replay, from its unfiltered current; null: not seen")
+    std_a: list[Maybe]
+    track_a: list[Maybe] = Field(description="over all replays of this context")
+    track_std_a: list[Maybe]
+    first_a: list[Maybe] = Field(description="mean of the first replays of this context")
+    replays: list[int] = Field(description="of this context that have shown it")
+
+
+class JointRipple(Ripple):
+    """Gear ripple, and of which joint."""
+
+    joint: Joint
+
+
 class Health(Document):
     """NE 107 states of arm and joints; `state` is null until a replay has been assessed."""
 
@@ -147,6 +165,7 @@ class Health(Document):
     stale_why: str | None = Field(default=None, description="of which joints nothing was learnt, and for how long")
     nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
     production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
+    ripple: list[JointRipple] = Field(default_factory=list, description="gear ripple of each joint: evidence, and no alert")
 
 
 class RemainingLife(Document):
@@ -194,6 +213,7 @@ class Friction(Document):
         default=None, description="fraction; a larger step of friction, unseen_step_days ago, would have been detected in nine of ten"
     )
     unseen_step_days: Maybe = Field(default=None, description="null with unseen_step: nothing is known of so short a time yet")
+    ripple: Ripple | None = Field(default=None, description="of the gear; null: not seen, or of an earlier release")
 
 
 class Event(Alert):
@@ -207,11 +227,16 @@ class Event(Alert):
 
 
 class Events(Document):
-    """Answer to a query on `event`: the transitions after `after`, oldest first, the newest 100 at most."""
+    """Answer to a query on `event`: the transitions after `after`, oldest first; without `limit` the newest 100 at most.
+
+    With `limit` they are the oldest ones, and `next` is the parameter `after` of the next page: so nothing is skipped.
+    """
 
     events: list[Event]
     first_kept: int | None = Field(description="the oldest transition in the history; null where there is none")
     last: int | None = Field(description="the newest one")
+    next: int | None = Field(default=None, description="the parameter `after` of the next page; null at the end, and without `limit`")
+    history_id: str | None = Field(default=None, description="another one means another history, whose numbers mean something else")
 
 
 class Model(Document):
@@ -284,11 +309,25 @@ class HistoryRow(Friction):
     recorded_at: datetime
 
 
+class HistoryChange(Document):
+    """One replay's rows were written, or taken back."""
+
+    seq: Annotated[int, Field(ge=1, description="numbered in the order in which that was done, never given out twice")]
+    replay: int
+    at: datetime = Field(description="by the clock of the monitor's host")
+    rows: list[HistoryRow] = Field(description="of the replay, as they are now; empty: they were taken back")
+
+
 class History(Document):
-    """Answer to `history`: rows, oldest first; `next` is the parameter `after` of the next page, null at the end."""
+    """Answer to `history`: rows, oldest first; `next` is the parameter `after` of the next page, null at the end.
+
+    With the parameter `changed_after` it holds no rows but `changes`, and `next` is the parameter `changed_after` of the next page.
+    """
 
     rows: list[HistoryRow]
     next: int | None
+    changes: list[HistoryChange] = Field(default_factory=list, description="oldest first; a replay's rows stand in each of its changes")
+    history_id: str | None = Field(default=None, description="another one means another history, whose numbers mean something else")
 
 
 class Trouble(Document):
@@ -415,6 +454,43 @@ class Work(Document):
     undone_why: str | None = None
 
 
+class JointFromWork(Document):
+    """One joint, by the newest period of ordinary work."""
+
+    joint: Joint
+    known: bool = Field(description="whether work tells its friction to `[work] deviation`")
+    share: Maybe = Field(default=None, description="information held beside what is needed; 1 and more: known")
+    friction_nm: Maybe = Field(default=None, description="at the reference speed and `temperature_c`")
+    deviation_nm: Maybe = Field(default=None, description="one standard deviation against what a replay would find")
+    temperature_c: Maybe = None
+    learnt_at: datetime | None = Field(default=None, description="end of the last period that the judge learned from")
+    learnt_from_replays: int = Field(description="observations by replays, since the arm is observed")
+    learnt_from_work: int = Field(description="observations by periods of work")
+    reason: str = Field(default="", description="why it is not known")
+
+
+class NextReplay(Document):
+    """From when the next replay is needed."""
+
+    replay: str = Field(description="`[schedule] replay`: always or when_needed")
+    needed_from: datetime | None = Field(default=None, description="null: now, or in every window")
+    why: str
+
+
+class FromWork(Document):
+    """What came from the arm's ordinary work, and what from replays."""
+
+    period_began_at: datetime
+    period_ended_at: datetime
+    observations: int = Field(description="periods of work that were judged")
+    seen_s: float = Field(description="seconds of work listened to in the period")
+    left_out_s: dict[str, float] = Field(description="seconds of these that did not count, by cause")
+    asks: list[int] = Field(description="joints whose wear work alone has found: a replay shall confirm it")
+    suspects: list[int] = Field(default=[], description="joints of which work makes wear likely: replays shall tell")
+    next_replay: NextReplay
+    joints: list[JointFromWork]
+
+
 class ReplayRequest(Request):
     """A replay is asked for."""
 
@@ -462,6 +538,7 @@ class Answer(Document):
     alert: Alert | None = None
     replay: int | None = None
     work: Work | None = None
+    inspection: dict[str, Any] | None = Field(default=None, description="the check, as an item of the document `inspection`")
     alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
     text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")
 

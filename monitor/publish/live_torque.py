@@ -14,15 +14,12 @@ from monitor.recording import Array, Recording
 class LiveTorque:
     """Compares single unfiltered samples; their noise is known from the model, or from the last replay."""
 
-    def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording | None) -> None:
-        """Recording : the replay that updated the model last. Its residual gives the samples' noise where the model has none."""
+    def __init__(self, model: CompensatedModel, robot: Robot, gains: Array | None, more_var: Array | None = None) -> None:
+        """more_var : `sample_var` of the replay that updated the model last, where the model has no figure of its own."""
         self._predictor = predictor_for(model, robot)
         self.model = model
         self._gains = robot.drive_gain_nm_per_a if gains is None else gains
-        self._more_var = np.zeros(model.joints)  # [N²·m²] variance of one raw sample beyond the model's own figure
-        raw = None if recording is None or model.measured_rms_nm is not None else self._rms(recording)
-        if raw is not None:
-            self._more_var = np.nan_to_num(np.maximum(raw**2 - model.residual_rms_nm**2, 0.0))
+        self._more_var = np.zeros(model.joints) if more_var is None else more_var  # [N²·m²]
 
     def compared(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> tuple[TorquePrediction, Array]:
         """The model's prediction, (1, J), and the drives' torque, (J,) [N·m], of one sample; inputs are (J,)."""
@@ -48,14 +45,20 @@ class LiveTorque:
             "model_revision": self.model.revision,
         }
 
-    def _rms(self, recording: Recording) -> Array | None:
-        """(J,) [N·m] of the raw residual where each joint moves; None where the recording has no such signals."""
-        qd, qdd, current, temperature_c = recording.qd, recording.target_qdd, recording.current, recording.temperature_c
-        if qd is None or qdd is None or current is None or temperature_c is None:
-            return None
-        residual: Array = current * self._gains - self._predictor.torque(recording.q, qd, qdd, temperature_c).torque
-        residual = np.where(np.abs(qd) > MOVING_RAD_S, residual, np.nan)
-        with np.errstate(invalid="ignore"):
-            count = np.isfinite(residual).sum(axis=0)
-            rms: Array = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(count, 1))
-        return np.where(count > 0, rms, np.nan)
+
+def sample_var(model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording) -> Array | None:
+    """(J,) [N²·m²] variance of one raw sample beyond the model's own figure, from a replay.
+
+    None where the model has a figure for samples, or the recording has no such signals.
+    """
+    gains = robot.drive_gain_nm_per_a if gains is None else gains
+    qd, qdd, current, temperature_c = recording.qd, recording.target_qdd, recording.current, recording.temperature_c
+    if model.measured_rms_nm is not None or qd is None or qdd is None or current is None or temperature_c is None:
+        return None
+    residual: Array = current * gains - predictor_for(model, robot).torque(recording.q, qd, qdd, temperature_c).torque
+    residual = np.where(np.abs(qd) > MOVING_RAD_S, residual, np.nan)
+    with np.errstate(invalid="ignore"):
+        count = np.isfinite(residual).sum(axis=0)
+        rms: Array = np.sqrt(np.nansum(residual**2, axis=0) / np.maximum(count, 1))
+    rms = np.where(count > 0, rms, np.nan)
+    return np.nan_to_num(np.maximum(rms**2 - model.residual_rms_nm**2, 0.0))

@@ -5,16 +5,17 @@ Nothing is stored: a scrape reports what the bus would answer at that moment.
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from monitor.errors import BadInput, BusError
+from monitor.errors import BusError
 from monitor.judge.alerts.ne107 import STATES
+from monitor.publish.inspection_metrics import inspection_families
+from monitor.publish.metrics_settings import MetricsSettings
+from monitor.publish.timestamps import unix_s
 
 log = logging.getLogger(__name__)
 
@@ -31,40 +32,24 @@ _FRICTION = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MetricsSettings:
-    """Where Prometheus may scrape."""
+class Families(Collector):
+    """Collects metric families when somebody scrapes."""
 
-    listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:9464"; empty: nowhere
-
-    def __post_init__(self) -> None:
-        """Raises BadInput where `listen` is no address."""
-        if self.listen:
-            self.address()
-
-    def address(self) -> tuple[str, int]:
-        """Host and port. Raises BadInput."""
-        host, _, port = self.listen.rpartition(":")
-        if not host or not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
-            raise BadInput(f"metrics: listen = {self.listen!r}; expected HOST:PORT, e.g. 127.0.0.1:9464")
-        return host, int(port)
-
-
-class _LastValues(Collector):
-    def __init__(self, last: Callable[[], Mapping[str, Any]]) -> None:
-        self._last = last
+    def __init__(self, collected: Callable[[], Iterable[Metric]]) -> None:
+        self._collected = collected
 
     def collect(self) -> Iterable[Metric]:
-        return families(self._last())
+        """For prometheus_client."""
+        return self._collected()
 
 
 class MetricsServer:
     """A small HTTP server in a thread of its own. A context manager."""
 
-    def __init__(self, settings: MetricsSettings, last: Callable[[], Mapping[str, Any]]) -> None:
-        """Serve what `last` returns: documents by their key below the robot's prefix. Raises BusError where the port is taken."""
+    def __init__(self, settings: MetricsSettings, collected: Callable[[], Iterable[Metric]]) -> None:
+        """Serve what `collected` returns, e.g. the `families` of the bus's last values. Raises BusError where the port is taken."""
         registry = CollectorRegistry()
-        registry.register(_LastValues(last))
+        registry.register(Families(collected))
         host, port = settings.address()
         try:
             self._server, self._thread = start_http_server(port, addr=host, registry=registry)
@@ -96,6 +81,10 @@ def families(last: Mapping[str, Any]) -> Iterator[Metric]:
     yield from _alerts({key: document for key, document in last.items() if key.startswith("alert/")}, who, family)
     yield from _friction({key: document for key, document in last.items() if key.endswith("/friction")}, who, family)
     yield from _monitor(last.get("monitor", {}), who, family)
+    if "from_work" in last:
+        yield from _from_work(last["from_work"], who, family)
+    if "inspection" in last:
+        yield from inspection_families(last["inspection"], who)
 
 
 def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
@@ -108,6 +97,7 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
         ("joint_monitor_replay_lag_seconds", "Of the last scheduled replay, from the opening of its window", monitor.get("lag_s")),
         ("joint_monitor_disk_free_bytes", "Where the history lives", store.get("free_bytes")),
         ("joint_monitor_history_bytes", "Size of the history, without recordings", store.get("history_bytes")),
+        ("joint_monitor_archive_waiting", "Recordings that the archive does not have yet", store.get("archive", {}).get("waiting")),
         ("joint_monitor_last_backup_timestamp_seconds", "When the newest backup was made", _time(store.get("last_backup_at"))),
         ("joint_monitor_last_replay_timestamp_seconds", "When the last window's replay ended", _time(last.get("ended_at"))),
         ("joint_monitor_due_since_timestamp_seconds", "Since when a replay waits for the program's node", _time(due.get("since"))),
@@ -136,8 +126,23 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
     yield ended
 
 
+def _from_work(found: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+    """What came from ordinary work, where it is judged."""
+    share = family("joint_monitor_work_share", "Information that ordinary work holds of this joint, beside what is needed", "joint")
+    learnt = family("joint_monitor_observations", "Of this joint that were learnt from, by their source", "joint", "source")
+    for each in found["joints"]:
+        joint = [*who, str(each["joint"])]
+        if each["share"] is not None:
+            share.add_metric(joint, float(each["share"]))
+        for source, key in (("replay", "learnt_from_replays"), ("work", "learnt_from_work")):
+            learnt.add_metric([*joint, source], float(each[key]))
+    needed = family("joint_monitor_replay_needed_timestamp_seconds", "From when the next replay is needed; 0: now")
+    needed.add_metric(who, _time(found["next_replay"]["needed_from"]) or 0.0)
+    yield from (share, learnt, needed)
+
+
 def _time(text: str | None) -> float | None:
-    return None if text is None else _unix_s(text)
+    return None if text is None else unix_s(text)
 
 
 def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
@@ -155,15 +160,15 @@ def _health(health: Mapping[str, Any], who: list[str], family: Callable[..., Gau
     learnt = family("joint_monitor_learnt_timestamp_seconds", "When a replay last taught something of this joint", "joint")
     for each in health.get("joints", []):
         if each.get("learnt_at"):
-            learnt.add_metric([*who, str(each["joint"])], _unix_s(each["learnt_at"]))
+            learnt.add_metric([*who, str(each["joint"])], unix_s(each["learnt_at"]))
     yield learnt
     due = family("joint_monitor_next_replay_due_timestamp_seconds", "When the schedule will replay next")
     if health.get("next_replay_due"):
-        due.add_metric(who, _unix_s(health["next_replay_due"]))
+        due.add_metric(who, unix_s(health["next_replay_due"]))
     yield due
     published = family("joint_monitor_said_timestamp_seconds", "When the monitor last said how the arm is")
     if health.get("said_at"):
-        published.add_metric(who, _unix_s(health["said_at"]))
+        published.add_metric(who, unix_s(health["said_at"]))
     yield published
 
 
@@ -194,7 +199,3 @@ def _friction(rows: Mapping[str, Mapping[str, Any]], who: list[str], family: Cal
             if days is not None:
                 life.add_metric([*who, str(row["joint"]), f"0.{quantile[1:]}"], float(days))
     yield life
-
-
-def _unix_s(time: str) -> float:
-    return datetime.fromisoformat(time).timestamp()

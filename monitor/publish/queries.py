@@ -26,6 +26,14 @@ class HistoryQuestion(NamedTuple):
     to_unix_s: float | None
     after: int
     limit: int
+    changed_after: int | None = None  # the question is for changes after this number, not for a page of rows
+
+
+class EventsQuestion(NamedTuple):
+    """The transitions that a query on `event` asks for."""
+
+    after: int
+    limit: int | None  # so many, the oldest; None: the newest MOST_EVENTS
 
 
 def request(model: type[Asked], payload: Mapping[str, Any]) -> Asked:
@@ -38,11 +46,13 @@ def request(model: type[Asked], payload: Mapping[str, Any]) -> Asked:
 
 
 def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuestion:
-    """From selector parameters: joint (1…J), from, to (RFC 3339), after (a replay's number), limit (1…10 000).
+    """From selector parameters: joint (1…J), from, to (RFC 3339), after (a replay's number), limit (1…10 000), or changed_after.
 
     Raises BadInput naming the parameter, its value and what would be right.
     """
-    _known("history", parameters, {"joint", "from", "to", "after", "limit"})
+    _known("history", parameters, {"joint", "from", "to", "after", "limit", "changed_after"})
+    if "changed_after" in parameters and (others := sorted({"joint", "from", "to", "after"} & parameters.keys())):
+        raise BadInput(f"history: changed_after and {others[0]} exclude each other; expected changed_after alone, or with limit")
     joint = _whole("history", parameters, "joint", 1, joints)
     after, limit = _whole("history", parameters, "after", 0, 2**53), _whole("history", parameters, "limit", 1, MOST_ROWS)
     return HistoryQuestion(
@@ -51,13 +61,16 @@ def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuest
         to_unix_s=_time("history", parameters, "to"),
         after=after or 0,
         limit=1000 if limit is None else limit,
+        changed_after=_whole("history", parameters, "changed_after", 0, 2**53),
     )
 
 
-def events_after(parameters: Mapping[str, str]) -> int:
-    """The number after which events are asked for; 0 where none is given. Raises BadInput."""
-    _known("event", parameters, {"after"})
-    return _whole("event", parameters, "after", 0, 2**53) or 0
+def events_question(parameters: Mapping[str, str]) -> EventsQuestion:
+    """From selector parameters: after (a transition's number; 0 where none is given), limit (1…10 000). Raises BadInput."""
+    _known("event", parameters, {"after", "limit"})
+    return EventsQuestion(
+        after=_whole("event", parameters, "after", 0, 2**53) or 0, limit=_whole("event", parameters, "limit", 1, MOST_ROWS)
+    )
 
 
 def _known(key: str, parameters: Mapping[str, str], names: set[str]) -> None:

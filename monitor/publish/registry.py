@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from monitor.publish import documents
+from monitor.publish import documents, inspection_documents
 
 
 class Delivery(Enum):
@@ -53,7 +53,10 @@ def _entry(name: str, model: type[BaseModel], key: str | tuple[str, ...], delive
 
 
 _LAST, _REQUEST, _ANSWER = Delivery.LAST_VALUE, Delivery.REQUEST, Delivery.ANSWER
-COMMANDS = ("cmd/ack", "cmd/unack", "cmd/shelve", "cmd/unshelve", "cmd/serviced", "cmd/unserviced", "cmd/replay")
+COMMANDS = (
+    *("cmd/ack", "cmd/unack", "cmd/shelve", "cmd/unshelve", "cmd/serviced", "cmd/unserviced"),
+    *("cmd/inspected", "cmd/uninspected", "cmd/replay"),
+)
 
 KINDS: dict[str, DocumentKind] = _entries(
     _entry("info", documents.Info, "info", _LAST, "At the start, after a reload, and when serial number or firmware change."),
@@ -75,6 +78,22 @@ KINDS: dict[str, DocumentKind] = _entries(
     _entry("serviced-request", documents.ServicedRequest, "cmd/serviced", _REQUEST, "When a person declares work on a joint."),
     _entry("unserviced-request", documents.UndoServicedRequest, "cmd/unserviced", _REQUEST, "When a person takes that back."),
     _entry("work", documents.Work, "joint/{joint}/work", _LAST, "When work on a joint is declared, taken back, or judged by a replay."),
+    _entry(
+        "from-work",
+        documents.FromWork,
+        "from_work",
+        _LAST,
+        "At the start, and after each judged day of ordinary work (`[work] listen`).",
+    ),
+    _entry(
+        "inspection",
+        inspection_documents.Inspection,
+        "inspection",
+        _LAST,
+        "Every ten minutes, at every stop of the arm's safety system, and when a check is recorded (`[inspection]`).",
+    ),
+    _entry("inspected-request", inspection_documents.InspectedRequest, "cmd/inspected", _REQUEST, "When a person records a check."),
+    _entry("uninspected-request", inspection_documents.UndoInspectedRequest, "cmd/uninspected", _REQUEST, "When a person takes that back."),
     _entry("replay-request", documents.ReplayRequest, "cmd/replay", _REQUEST, "When a person asks for a replay."),
     _entry("replay", documents.Replay, "replay", _LAST, "Before the arm moves for a replay, and after it."),
     _entry(

@@ -17,6 +17,8 @@ ROOT = "joint-monitor/v1"
 PATIENCE_US = 500_000  # [µs] a client that is megabytes behind is waited for, then disconnected; it may connect again
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _ID = re.compile(r"[a-z0-9_-]+\Z")
+_OF_HOST = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?:[^?#]*:(\d{1,5})(?=[?#]|\Z))?")  # protocols whose address ends with a port
+MOST_PORT = 65535
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
 
@@ -41,6 +43,8 @@ class BusSettings:
             for endpoint in getattr(self, name):
                 if not _ENDPOINT.match(endpoint):
                     raise BadInput(f"bus: {name}: {endpoint!r} is no endpoint; expected PROTOCOL/ADDRESS, e.g. tcp/127.0.0.1:7447")
+                if (port := _OF_HOST.match(endpoint)) and not (port[1] and int(port[1]) <= MOST_PORT):
+                    raise BadInput(f"bus: {name}: {endpoint!r} has no port; expected HOST:PORT after the protocol, e.g. tcp/127.0.0.1:7447")
         if not (self.listen or self.connect):
             raise BadInput("bus: listen and connect are both empty: nobody could hear; expected an endpoint in one of them")
 

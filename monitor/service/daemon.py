@@ -6,16 +6,19 @@ from collections.abc import Callable
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
+from monitor.service.apart import HERE, Compute
 from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.live import LiveComparison
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
+from monitor.service.inspection import Duty
 from monitor.service.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.monitor import Borrow, Monitor, Replay
+from monitor.service.ordinary_work import OrdinaryWork
 from monitor.service.replay_requests import ReplayRequests
-from monitor.service.shared_state import SharedState, last_recording
+from monitor.service.shared_state import SharedState
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -39,21 +42,28 @@ class Daemon:
         borrow: Borrow | None = None,
         requests: ReplayRequests | None = None,
         alive: Callable[[], None] = lambda: None,
+        compute: Compute = HERE,
+        compute_work: Compute = HERE,
     ) -> None:
         """Open the bus. Raises BusError where an endpoint cannot be opened.
 
         now : UTC, seconds since 1970. requests : where a scheduler serves requests for a replay. alive : called often while a replay or an
-        assessment is under way.
+        assessment is under way. compute, compute_work : how verdicts of replays and of work are computed; the service gives processes of
+        their own.
         """
         self._store, self._now = store, now
         self.requests = requests
-        self.state = SharedState(configuration)
+        self.state = SharedState(configuration, compute)
         self.production = Production(configuration.assess.residual)
         self.bus = Bus(configuration.bus, configuration.key_prefix)
         self.publisher = Publisher(self.bus, self.state, store, self.production, now)
         self.alerts = AlertChanges(self.state, store, self.publisher, now)
         self.monitor = Monitor(self.state, store, self.publisher, self.production, now=now, play=play, borrow=borrow, alive=alive)
         self.live = LiveComparison(self.state, self.publisher, self.production, requests, now)
+        self.work = (
+            OrdinaryWork(self.state, store, self.publisher, now, requests, compute=compute_work) if configuration.work.listen else None
+        )
+        self.duty = Duty(self.state, store, self.publisher, now)
         self.heard = ArmHeard(store, now)
         self.bus.answer(Handlers(self.state, store, self.alerts, requests).by_key())
 
@@ -68,6 +78,7 @@ class Daemon:
 
     def __exit__(self, *_: object) -> None:
         self.state.stopping.set()
+        self.duty.keep()
         self.bus.close()
 
     def look(self) -> str | None:
@@ -83,7 +94,8 @@ class Daemon:
         return text
 
     def _take_up(self) -> None:
-        self.state.take(load_state(self._store), last_recording(self._store))
+        known = load_state(self._store)
+        self.state.take(known, self.state.sample_var(self._store, known))
         if self.state.estimator.belief is not None:
             self.production.continue_from(self.state.estimator.belief.usage)
         restored = self._store.restored

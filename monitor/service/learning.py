@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from monitor.acquire.schedule.needed import WHEN_NEEDED
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.windows import upcoming
 from monitor.config.schema import Configuration
@@ -31,6 +32,8 @@ def late_at(settings: ScheduleSettings, since_unix_s: float, began_unix_s: float
     """When something is wrong if nothing was learnt since a time; None where the schedule names no windows."""
     if settings.learn_within_days > 0.0:
         return since_unix_s + DAY_S * settings.learn_within_days
+    if settings.replay == WHEN_NEEDED:  # windows without a replay are as they should be
+        since_unix_s += DAY_S * settings.at_most_days
     return _after_windows(settings, since_unix_s, began_unix_s, WINDOWS, LEAST_DAYS)
 
 

@@ -9,6 +9,7 @@ from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.errors import StoreError
 from monitor.service.bus.live import ArmLink, LiveFeed
 from monitor.service.daemon import Daemon
+from monitor.service.inspection import ErrorLink
 from monitor.service.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument, status_line
 from monitor.service.problems import Problems
@@ -35,18 +36,21 @@ class Workers:
 class MainLoop:
     """Runs until the daemon stops or the history is found damaged."""
 
-    def __init__(self, daemon: Daemon, link: ArmLink, workers: Workers, hangup: threading.Event) -> None:
-        """`hangup` is set to request a reload."""
+    def __init__(self, daemon: Daemon, link: ArmLink, workers: Workers, hangup: threading.Event, errors: ErrorLink | None = None) -> None:
+        """`hangup` is set to request a reload. errors : None where nobody hears what the controller reports."""
+        self._errors = errors
         self._daemon, self._link, self._workers, self._hangup = daemon, link, workers, hangup
         self._watchdog = Watchdog(workers.heartbeats)
-        self._feed = LiveFeed(daemon.live, daemon.bus, link)
+        self._feed = LiveFeed(daemon.live, daemon.bus, link, daemon.work, daemon.duty)
         self._health_at = self._monitor_at = 0.0  # monotonic; 0: not yet
 
     def run(self) -> None:
         """Until `stopping` is set, or maintenance finds damage."""
         state = self._daemon.state
-        while not state.stopping.wait(self._feed.pause_s) and self._workers.maintenance.damaged is None:
+        while not self._feed.wait(state.stopping) and self._workers.maintenance.damaged is None:
             self._feed.step()
+            if self._errors is not None and state.configuration.inspection.wanted:
+                self._daemon.duty.hear(self._errors.poll())
             self._observe()
             if self._hangup.is_set():
                 self._hangup.clear()
@@ -56,6 +60,7 @@ class MainLoop:
             if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
                 self._monitor_at = now
                 self._look()
+                self._daemon.duty.step()
                 self._publish_monitor()
             if now - self._health_at >= state.configuration.bus.health_period_s or not self._health_at:
                 self._health_at = now
@@ -76,6 +81,7 @@ class MainLoop:
         except StoreError as error:
             problems.report("store", str(error))
         problems.update("restored", self._daemon.alerts.restored)
+        problems.update("assessment", self._daemon.monitor.unassessed)
 
     def _look(self) -> None:
         """Look at the monitor itself: the alerts that it raises about itself. A clock that is not believed dates nothing."""

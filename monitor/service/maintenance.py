@@ -10,6 +10,7 @@ from monitor.errors import StoreError
 from monitor.recording import DAY_S
 from monitor.service.left_arm import away
 from monitor.service.problems import Problems
+from monitor.service.pruning import prune
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import backups, lost, made_at_unix_s
 from monitor.store.store import Store
@@ -24,8 +25,15 @@ BEHIND_S = 3600.0  # the newest entry of the history lies so far in the future: 
 class Maintenance:
     """Call `check` often, or `run` in a thread of its own."""
 
-    def __init__(self, store: Store, settings: Callable[[], StoreSettings], problems: Problems, now: Callable[[], float]) -> None:
-        self._store, self._settings, self._problems, self._now = store, settings, problems, now
+    def __init__(
+        self,
+        store: Store,
+        settings: Callable[[], StoreSettings],
+        problems: Problems,
+        now: Callable[[], float],
+        observe_uploads: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._store, self._settings, self._problems, self._now, self._observe_uploads = store, settings, problems, now, observe_uploads
         self._maintained: float | None = None  # monotonic: when backup and retention were last tried
         self.damaged: str | None = None  # damage found while running: the next start restores the history
 
@@ -48,6 +56,7 @@ class Maintenance:
         self._problems.update("clock_behind", self._behind())
         self._problems.update("stop", self._stopped())
         self._problems.update("away", away(self._store))
+        self._observe_uploads()
         if self._maintained is None or time.monotonic() - self._maintained >= (FRESH_S if "backup" in self._problems else DAY_S):
             self._maintained = time.monotonic()
             self.maintain()
@@ -69,13 +78,8 @@ class Maintenance:
             self._problems.clear("backup")
         except StoreError as error:
             self._problems.report("backup", str(error))
-        try:
-            gone = self._store.retention.prune(days=settings.recordings_days, most_bytes=1e9 * settings.recordings_gb, at_unix_s=now)
-            if gone:
-                log.info("let go of %d recordings, %s to %s", len(gone), gone[0], gone[-1])
-            self._problems.clear("retention")
-        except StoreError as error:
-            self._problems.report("retention", str(error))
+        if not settings.recordings:  # with an archive, the thread of the uploads does so, once it has seen what that has
+            prune(self._store, settings, self._problems, now)
 
     def _behind(self) -> str | None:
         """The problem that the history holds later times than the clock; None where it does not."""

@@ -1,32 +1,46 @@
 """The replay cycle: claim a window, replay, record, assess, store, publish. What the figures mean is judged elsewhere."""
 
 import dataclasses
-import itertools
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from typing import Protocol
 
+from monitor.acquire.schedule.needed import Need
 from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.staleness import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
+from monitor.service.apart import ComputingFailed
 from monitor.service.borrowing import BorrowedWindow
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.due import DueReplay
-from monitor.service.history.assess_and_store import assess_stored, state_after
+from monitor.service.history.assess_and_store import (
+    HistoryEntry,
+    Verdict,
+    enter,
+    inputs_of,
+    judged,
+    keep_and_judge,
+    state_after,
+)
 from monitor.service.history.recompute import roll_back
 from monitor.service.history.work import work_document
-from monitor.service.shared_state import SharedState, last_recording
+from monitor.service.needed import needed
+from monitor.service.shared_state import SharedState
 from monitor.store.ledger import LedgerRow
 from monitor.store.recordings import write_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
+
+ASSESSMENTS = 3  # tries to assess one recording, where the process that computes dies
+RETRY_S = 30.0  # before the second try; twice as long before the third
 
 
 class Replay(Protocol):
@@ -64,6 +78,9 @@ class Monitor:
         """`alive` is called often while a replay or an assessment is under way. borrow : None where no program ever lends the arm."""
         self._state, self._store, self._publisher, self._production = state, store, publisher, production
         self._now, self._play, self._borrow, self._alive = now, play, borrow, alive
+        self.unassessed: str | None = None  # why a recording waits for its assessment
+        self._failed: dict[int, int] = {}  # tries to assess a recording that ended without an outcome, by its window
+        self._retry_at = 0.0  # monotonic
 
     @property
     def configuration(self) -> Configuration:
@@ -89,8 +106,7 @@ class Monitor:
             ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is None:
                 return None
-            for waiting in self._store.ledger.repair(self._now(), but=ledger_id):
-                self._assess_stored(waiting.id)  # in time order: an older one could not be learned from afterwards
+            self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
             row = self._store.ledger.row(ledger_id)
             self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
@@ -157,19 +173,26 @@ class Monitor:
             for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
                 if row.id in before:
                     log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason, extra={"replay": row.id, "verdict": "aborted"})
-            for row in waiting[:at_most]:
-                self._assess_stored(row.id)
-                self._alive()
+            self._assess_waiting(waiting[:at_most])
 
     def roll_back(self) -> bool:
         """Take back what was learned from replays dated in the future; False where the recordings that this needs are gone."""
         with self._state.replaying, self._state.revising:
-            known = roll_back(self._store, self._now())
+            try:
+                known = roll_back(self._store, self._now(), self._state.compute)
+            except ComputingFailed as error:  # nothing was changed
+                log.warning("what was learnt from the future is computed here: %s", error)
+                known = roll_back(self._store, self._now())
             if known is not None:
-                self._state.take(known, last_recording(self._store))
+                self._state.take(known, self._state.sample_var(self._store, known))
         if known is not None:
             self._publisher.everything()
         return known is not None
+
+    def needed(self) -> Need:
+        """From when the next replay is needed, and why. Raises StoreError."""
+        estimator = self._state.estimator  # one read: a replay may put another in its place meanwhile
+        return needed(self.configuration.schedule, self._store, estimator.belief, self._state.health)
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""
@@ -181,7 +204,7 @@ class Monitor:
         self._state.use(configuration)
         self._production.use(configuration.assess.residual)
         with self._state.revising:
-            self._state.prepare_live(last_recording(self._store))
+            self._state.prepare_live(self._state.sample_var(self._store, self._state.estimator))
         self._publisher.info()
         self._publisher.health()
 
@@ -221,18 +244,36 @@ class Monitor:
         context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self._production.revolutions(now))
         recording = dataclasses.replace(recording, context=context)
         path = self._store.recordings.path(ledger_id)
-        try:
-            write_recording(path, dataclasses.replace(recording, source=path.name))
-        except StoreError as error:
-            self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
-            return
-        self._store.ledger.mark_recorded(ledger_id)
-        self._assess_stored(ledger_id)  # what was written, not what was measured: so a recomputation sees the very same
+        recording = dataclasses.replace(recording, source=path.name)
+        with self._state.revising:
+            inputs = inputs_of(self.configuration, self._state.estimator)
+            with closing(self._state.compute.steps(keep_and_judge, path, recording, inputs)) as steps:
+                outcome: Verdict | Rejected | None = None
+                try:
+                    try:
+                        next(steps)
+                    except ComputingFailed as error:
+                        log.warning("replay=%d is written here: %s", ledger_id, error)
+                        write_recording(path, recording)  # nothing of a replay is lost
+                except StoreError as error:
+                    self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
+                    return
+                self._store.ledger.mark_recorded(ledger_id)
+                older = any(row.id < ledger_id for row in self._store.ledger.rows(states=("recorded",)))
+                try:
+                    outcome = None if older else next(steps, None)  # in time order, as they wait
+                except ComputingFailed as error:
+                    outcome = self._later(ledger_id, error)
+            entry = self._taken(ledger_id, outcome)
+        if entry is not None:
+            self._publish(*entry)
 
     def _replayed(self, ledger_id: int, closes_unix_s: float) -> Recording:
         """The recording, at one of several tries. Raises as `_play`, for the last of them."""
         aborted: ReplayAborted | None = None
-        for number in itertools.count(1):
+        number = 0
+        while True:
+            number += 1
             try:
                 return self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
             except (ReplayAborted, RobotUnreachable) as error:
@@ -242,7 +283,6 @@ class Monitor:
                     raise _after(aborted, error) from error
             except MotionRefused as error:
                 raise _after(aborted, error) from error
-        raise AssertionError("the last try returns or raises")
 
     def _tries_again(self, ledger_id: int, number: int, error: ReplayAborted | RobotUnreachable, closes_unix_s: float) -> bool:
         """Whether a try that ended so is followed by another; the pause between the two is over then.
@@ -268,23 +308,66 @@ class Monitor:
                 return True
         return False
 
-    def _assess_stored(self, ledger_id: int) -> None:
-        with self._state.revising:
-            entry = assess_stored(self._store, self.configuration, self._state.estimator, ledger_id, self._now)
-            if isinstance(entry.outcome, Rejected):
+    def _assess_waiting(self, rows: Sequence[LedgerRow]) -> None:
+        """Assess recordings that wait, oldest first; those after one that has failed wait with it.
+
+        An older one could not be learned from afterwards.
+        """
+        for row in rows:
+            if time.monotonic() < self._retry_at:
                 return
-            belief = self._state.estimator.belief
-            known = belief.context if belief else None
-            self._state.take(state_after(self._state.estimator, entry), entry.recording)
+            self._assess_stored(row.id)
+            self._alive()
+
+    def _assess_stored(self, ledger_id: int) -> None:
+        """Assess a recording that waits on disk; where that fails for another reason than the recording, it waits on."""
+        with self._state.revising:
+            path, inputs = self._store.recordings.path(ledger_id), inputs_of(self.configuration, self._state.estimator)
+            try:
+                outcome: Verdict | Rejected | None = self._state.compute(judged, path, inputs)
+            except ComputingFailed as error:
+                outcome = self._later(ledger_id, error)
+            entry = self._taken(ledger_id, outcome)
+        if entry is not None:
+            self._publish(*entry)
+
+    def _later(self, ledger_id: int, error: ComputingFailed) -> Rejected | None:
+        """None: the recording waits for another try. After several it is rejected, so that later replays are learnt from."""
+        self._failed[ledger_id] = failed = self._failed.get(ledger_id, 0) + 1
+        log.warning("replay=%d is not assessed yet: %s", ledger_id, error, extra={"replay": ledger_id})
+        if failed >= ASSESSMENTS:
+            return Rejected(f"internal: not assessed in {failed} tries: {error}")
+        self._retry_at = time.monotonic() + failed * RETRY_S
+        self.unassessed = f"replay {ledger_id} waits for its assessment, which is tried again: {error}"
+        return None
+
+    def _taken(self, ledger_id: int, outcome: Verdict | Rejected | None) -> tuple[Verdict, HistoryEntry, bool] | None:
+        """Commit an outcome and take the state after it; the verdict, its entry, and whether it is another arm's or firmware's.
+
+        None where nothing was learnt. The caller holds `revising`.
+        """
+        if outcome is None:
+            return None
+        entry = enter(self._store, self.configuration, ledger_id, outcome, self._now)
+        self._failed.pop(ledger_id, None)
+        self.unassessed, self._retry_at = None, 0.0
+        if isinstance(outcome, Rejected):
+            return None
+        belief = self._state.estimator.belief
+        known, context = belief.context if belief else None, outcome.belief.context
+        self._state.take(state_after(self._state.estimator, entry), outcome.sample_var)
+        return outcome, entry, known is None or (known.serial, known.firmware) != (context.serial, context.firmware)
+
+    def _publish(self, verdict: Verdict, entry: HistoryEntry, another: bool) -> None:
+        """Publish what follows from a verdict. another : of an arm or a firmware that was not known before."""
         self._alive()
-        if entry.outcome.identification.temperature_c is not None:
-            self._state.take_temperature(entry.outcome.identification.temperature_c)
-        context = entry.outcome.belief.context
-        if known is None or (known.serial, known.firmware) != (context.serial, context.firmware):
+        if verdict.temperature_c is not None:
+            self._state.take_temperature(verdict.temperature_c)
+        if another:
             self._publisher.info()
-        for joint in entry.outcome.friction:
+        for joint in verdict.friction:
             self._publisher.friction(joint)
-        for work in entry.outcome.works:
+        for work in verdict.works:
             self._publisher.work(work_document(work))
         self._publisher.judgement()
         for event in entry.events:

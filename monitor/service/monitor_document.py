@@ -55,11 +55,40 @@ class MonitorDocument:
             "said_at_unix_s": self._now(),
             "troubles": self._problems.listed(),
             "last_replay": None if last is None else _last_replay(last, borrow),
-            "store": _store(store.directory),
+            "store": _store(store.directory) | self._cursors() | self._archive(),
             "process": _process(),
             "reload": reload,
             **more,
         }
+
+    def _cursors(self) -> dict[str, Any]:
+        """How far the history is: whoever copies it sees without a question whether there is something new."""
+        try:
+            kept = self._store.events.range()
+            return {
+                "history_id": self._store.changes.history_id(),
+                "last_event": kept[1] if kept else 0,
+                "last_change": self._store.changes.last(),
+            }
+        except StoreError:
+            return {}  # reported above
+
+    def _archive(self) -> dict[str, Any]:
+        """How many recordings the archive has, and how many wait for it."""
+        archived = self._store.archived
+        if archived.settings is None:
+            return {}
+        try:
+            waiting, since = archived.waits()
+            about = {
+                "address": archived.settings.address,
+                "recordings": archived.count(),
+                "waiting": waiting,
+                "waiting_since_unix_s": since,
+            }
+        except StoreError:
+            return {}
+        return {"archive": about}
 
     def write_end(self) -> None:
         """Write that the monitor was stopped: whoever asks `joint-monitor status` next sees it at once."""

@@ -27,11 +27,12 @@ from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
+from monitor.service.apart import HERE, Compute
 from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
-from monitor.service.torque_basis import torque_basis
+from monitor.service.torque_basis import learnt_basis
+from monitor.service.written import written_apart
 from monitor.store.backup import present
 from monitor.store.motions import UNKNOWN_END
-from monitor.store.recordings import write_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -113,11 +114,13 @@ def move(
     announce: Announce | None = None,
     model: CompensatedModel | None = None,
     driver: Driver | None = None,
+    compute: Compute = HERE,
 ) -> Recording:
     """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
     ledger_id : of the window; None: a replay by hand. window : instead, where a program lends the arm: it is entered when the arm is taken,
     and `first_pass_path` is asked for after that. forbidden : the reason why the arm may not move any longer, asked while it moves.
+    compute : how what was learnt for the torque band is read.
 
     Each motion is in the history before the arm moves. An end after which the arm was not seen at rest and in order is stored as a stop.
 
@@ -137,7 +140,7 @@ def move(
             window.given_back()
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
-        basis = torque_basis(store, configuration, played, context, model)
+        basis = learnt_basis(store, configuration, played, context, model, compute)
         log.info(
             "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
         )
@@ -198,7 +201,7 @@ def move(
             slow = play(slowed(excitation, settings), slowly=True)
             note = "first pass, slow: not assessed"
             path = first_pass_path if isinstance(first_pass_path, Path) else first_pass_path()
-            write_recording(path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
+            written_apart(compute, path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
             store.first_passes.add(digest, _load(context) | {"recording": path.name, "quality": dict(slow.quality)}, time.time())
             if should_stop():
                 raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")

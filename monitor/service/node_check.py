@@ -9,7 +9,7 @@ from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.service.node_server import NO_TEXT
-from monitor.service.node_text import MARK, kept, number_of
+from monitor.service.node_text import MARK, kept, number_of, version_of
 
 NAME = "hand_over"
 PATIENCE_S = 1.0  # for the connection, and for the answer; the daemon is on this host
@@ -49,7 +49,8 @@ def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
         return ConditionResult(name=NAME, holds=True, text=text, checked=False)
     number = number_of(answer)
     if number is not None:
-        return ConditionResult(name=NAME, holds=True, text=f"{where}: a node gets text {number}, {answer.count(chr(10))} lines")
+        told = f"{where}: a node gets text {number}, {answer.count(chr(10))} lines"
+        return _compared(configuration, number, told, "stop it and play it again")
     if answer == NO_TEXT:
         text = f"{where}: the daemon does not know this controller yet: a node does nothing until the program is played again"
         return ConditionResult(name=NAME, holds=True, text=text, checked=False)
@@ -59,11 +60,27 @@ def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
 
 def _on_the_controller(configuration: Configuration) -> ConditionResult:
     node = kept(configuration.state_directory)
-    if node is None:
-        text = "which text the program's Script node needs is not known yet: joint-monitor script-node writes it"
-    else:
+    if node is not None:
         made = f"made for software {node.software}" if node.software else "made for a controller that says no software"
-        text = f"the file of the program's Script node must begin with {MARK}{node.number} ({made}); compare it"
+        told = f"the file of the program's Script node must begin with {MARK}{node.number} ({made})"
+        return _compared(configuration, node.number, told, "write the file again, copy it to the controller, and play the program again")
+    text = "which text the program's Script node needs is not known yet: joint-monitor script-node writes it"
+    return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+
+
+def _compared(configuration: Configuration, number: str, told: str, remedy: str) -> ConditionResult:
+    """The text of today against what the node of the program that was played last says of its own.
+
+    Another one does not speak against running the service: its arm is not taken, or taken as ever, and the program works.
+    """
+    says = configuration.driver.node_says(configuration.robot.host)
+    if says is None or not says.reached:
+        why = "the controller does not say it" if says is None else "no node was reached yet"
+        return ConditionResult(name=NAME, holds=True, text=f"{told}; what the program has: {why}", checked=False)
+    reached = f"its nodes were reached {says.reached} times"
+    if says.version == version_of(number):
+        return ConditionResult(name=NAME, holds=True, text=f"{told}; the program that was played last has it, {reached}")
+    text = f"{told}; THE PROGRAM THAT WAS PLAYED LAST HAS ANOTHER TEXT: {remedy} ({reached})"
     return ConditionResult(name=NAME, holds=True, text=text, checked=False)
 
 

@@ -32,13 +32,18 @@ class NodeText(NamedTuple):
     @classmethod
     def of(cls, software: str | None, control: str) -> Self:
         """The text around ur-rtde's. Raises BadInput where ur-rtde's text is not as expected."""
-        text = hand_over_script(control)
-        return cls(software, control, f"{MARK}{hashlib.sha256(text.encode()).hexdigest()[:12]}\n{text}")
+        number = hashlib.sha256(hand_over_script(control).encode()).hexdigest()[:12]
+        return cls(software, control, f"{MARK}{number}\n{hand_over_script(control, version=version_of(number))}")
 
     @property
     def number(self) -> str:
         """The number in the first line: two texts with one number are the same."""
         return number_of(self.text) or ""
+
+
+def version_of(number: str) -> int:
+    """What a program that has the text of this number says in the register VERSION: its first seven digits, within 32 bits, and never 0."""
+    return int(number[:7], 16) or 1
 
 
 def node_text(host: str, *, driver: Driver = UNIVERSAL_ROBOTS, script: Callable[[str], str] = control_script) -> NodeText:

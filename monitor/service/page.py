@@ -1,27 +1,32 @@
 """The web page of one robot's monitor, put together from its configuration, its bus and its history."""
 
 import re
+import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 from monitor.config.schema import Configuration
-from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.model.joint_names import joint_name
+from monitor.errors import BadInput
+from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.store.store import Store
-from monitor.views.language.catalogue import LANGUAGES, language
-from monitor.views.web.content import BusAccess, Content
+from monitor.views.language.catalogue import language
+from monitor.views.web.about import about_arm
+from monitor.views.web.content import Content
+from monitor.views.web.page_content import BusAccess
 
 if TYPE_CHECKING:
     from monitor.views.web.server import PageServer
 
+P = ParamSpec("P")
+
+_one = threading.Lock()  # answer at a time: each takes a process, and several would take the memory of a replay under way
+
 
 def page(
-    configuration: Configuration, bus: BusAccess, store: Store, now: Callable[[], float] = time.time
+    configuration: Configuration, bus: BusAccess, store: Store, now: Callable[[], float] = time.time, compute: Compute = HERE
 ) -> "AbstractContextManager[PageServer | None]":
     """Serve the page while the context lasts; the context gives None where the configuration names no address.
 
@@ -39,14 +44,23 @@ def page(
         configuration.schedule,
         now,
         language=configuration.page.language,
-        report=partial(_report, configuration, now),
-        table=partial(_table, configuration),
+        report=lambda code: answered(compute, _report, configuration, now(), code),
+        table=lambda code: answered(compute, _table, configuration, code),
         file_name=re.sub(r"[^A-Za-z0-9._-]+", "-", f"{configuration.robot.site}-{configuration.robot.id}"),
     )
     return PageServer(configuration.page, content, token)
 
 
-def _report(configuration: Configuration, now: Callable[[], float], code: str) -> str:
+def answered(compute: Compute, function: Callable[P, str], *args: P.args, **kwargs: P.kwargs) -> str:
+    """What somebody asks for once in a while, with all that drawing loads. Raises BadInput."""
+    try:
+        with _one:
+            return compute(function, *args, **kwargs)
+    except ComputingFailed as error:
+        raise BadInput(f"nothing could be made, try again: {error}") from None
+
+
+def _report(configuration: Configuration, now_unix_s: float, code: str) -> str:
     """The report on the whole history as HTML. It reads beside the daemon, which goes on. Raises BadInput where nothing can be drawn."""
     from monitor.service.history.report import report
     from monitor.views.plots.picture import needs_drawing
@@ -54,7 +68,7 @@ def _report(configuration: Configuration, now: Callable[[], float], code: str) -
 
     needs_drawing("report")
     with Store.reader(configuration.state_directory) as store:
-        return report_page([report(configuration, store, None, None, now())], language(code))
+        return report_page([report(configuration, store, None, None, now_unix_s)], language(code))
 
 
 def _table(configuration: Configuration, _code: str) -> str:
@@ -67,36 +81,11 @@ def _table(configuration: Configuration, _code: str) -> str:
 
 def about(configuration: Configuration) -> dict[str, Any]:
     """What the page reads once: the robot's names, the alert levels and conditions, and the geometry of the arm."""
-    who, arm, health = configuration.robot, configuration.robot_description, configuration.assess.health
-    prognosis = configuration.assess.prognosis
-    return {
-        "robot": {
-            "site": who.site,
-            "id": who.id,
-            "model": who.model,
-            "mounting": who.mounting,
-            "payload_kg": who.payload_kg,
-            "tool": who.tool,
-        },
-        "key_prefix": configuration.key_prefix,
-        "joints": [joint_name(j + 1) for j in range(arm.joints)],
-        "languages": LANGUAGES,
-        "levels": [
-            {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
-            {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
-        ],
-        "conditions": {
-            name: {"states": {tier: of.state for tier, of in condition.tiers.items()}, "probability_of": condition.probability_of}
-            for name, condition in CONDITIONS.items()
-        },
-        "life": {"limit_rise": prognosis.limit_rise, "service_days": prognosis.service_days},
-        "arm": {
-            "links": list(arm.link_names),
-            "a_m": arm.a_m.tolist(),
-            "d_m": arm.d_m.tolist(),
-            "alpha_rad": arm.alpha_rad.tolist(),
-            "zero_rad": arm.zero_rad.tolist(),
-            "base": np.round(configuration.mounting.rotation @ arm.base_rotation, 12).tolist(),
-            "max_torque_nm": arm.max_torque_nm.tolist(),
-        },
-    }
+    return about_arm(
+        asdict(configuration.robot),
+        configuration.key_prefix,
+        configuration.robot_description,
+        configuration.mounting,
+        configuration.assess.health,
+        configuration.assess.prognosis,
+    )

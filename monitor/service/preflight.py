@@ -14,8 +14,10 @@ from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.service.node_check import node_conditions
+from monitor.store.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.store.schema import schema_of
+from monitor.store.store import Store
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
 BOUND_TO = "SELECT json_extract(belief, '$.robot'), json_extract(belief, '$.reference_speed_rad_s') FROM state"
@@ -30,6 +32,7 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
         _disk(configuration),
         _clock(configuration, now),
         _socket_lock(configuration),
+        *_archive(configuration),
         *node_conditions(configuration),
     )
 
@@ -37,7 +40,9 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
 def _configuration(configuration: Configuration) -> ConditionResult:
     overrides = ", ".join(configuration.overrides)
     text = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
-    text = "; ".join([text, *configuration.notices])
+    prior = configuration.assess.drift.prior
+    told = [] if prior is None else [f"joints begin with the prior of a fleet of {prior.arms} {prior.model} ({prior.digest})"]
+    text = "; ".join([text, *told, *configuration.notices])
     return ConditionResult(name="configuration", holds=True, text=text)
 
 
@@ -99,6 +104,25 @@ def _disk(configuration: Configuration) -> ConditionResult:
     least_mb = configuration.store.least_free_mb
     text = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
     return ConditionResult(name="disk", holds=free_mb >= least_mb, text=text)
+
+
+def _archive(configuration: Configuration) -> tuple[ConditionResult, ...]:
+    """Whether the archive of recordings is there and lets us in; nothing where none is configured."""
+    settings = configuration.archive
+    if settings is None:
+        return ()
+    try:
+        Archive.open(settings).look()
+    except StoreError as error:
+        return (ConditionResult(name="archive", holds=False, text=f"{error}; recordings wait here until then, and replays go on"),)
+    text = f"{settings.address} answers"
+    try:
+        if present(configuration.state_directory):
+            with Store.reader(configuration.state_directory) as store:
+                text += f"; {store.archived.count()} recordings are in it, {store.archived.waits()[0]} wait"
+    except StoreError:
+        pass  # the condition `history` says why
+    return (ConditionResult(name="archive", holds=True, text=text),)
 
 
 def _clock(configuration: Configuration, now: float) -> ConditionResult:

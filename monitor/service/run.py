@@ -1,6 +1,5 @@
 """The process of `joint-monitor run`: signals, the history, the bus, worker threads, and the main loop. I/O."""
 
-import importlib
 import logging
 import os
 import signal
@@ -16,10 +15,10 @@ from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.model.fourier import Excitation
-from monitor.publish.metrics import MetricsServer
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
+from monitor.service.apart import HERE, Apart
 from monitor.service.borrowing import BorrowedWindow, program_of
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
@@ -36,6 +35,7 @@ from monitor.service.reload import Reloader
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
+from monitor.service.uploads import Stopping, Uploads
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -69,9 +69,6 @@ def serve(
     """
     log_refusals(configuration.bus)
     hangup = _on_hangup()  # from now on no request for a reload is lost
-    if configuration.replay.allow_motion is True:
-        for heavy in ("filterpy.kalman", "scipy.signal"):  # take a second: now, and not while somebody waits for the first verdict
-            importlib.import_module(heavy)
     with ExitStack() as stack:
         store, configuration = open_store(configuration, stack, hangup)
         trial, clocks = clocks is not None, clocks or Clocks()
@@ -87,27 +84,49 @@ def serve(
         def alive() -> None:
             heartbeats.beat("replays", WORKER_PATIENCE_S)
 
+        def gathered() -> None:
+            heartbeats.beat("work", 10 * WORKER_PATIENCE_S)
+
         daemon = stack.enter_context(
-            Daemon(configuration, store, now=clocks.now, play=play or over_rtde, borrow=over_rtde, requests=requests, alive=alive)
+            Daemon(
+                configuration,
+                store,
+                now=clocks.now,
+                play=play or over_rtde,
+                borrow=over_rtde,
+                requests=requests,
+                alive=alive,
+                compute=HERE if trial else Apart(alive),
+                compute_work=HERE if trial else Apart(gathered),
+            )
         )
         if configuration.metrics.listen:
-            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
-        stack.enter_context(page(configuration, daemon.bus, store, clocks.now))
+            from monitor.publish.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
+
+            stack.enter_context(MetricsServer(configuration.metrics, lambda: families(daemon.bus.last_values())))
+        stack.enter_context(page(configuration, daemon.bus, store, clocks.now, HERE if trial else Apart()))
         lent = configuration.replay.lent
         if lent is not None and lent.serves:
             stack.enter_context(NodeServer(lent, configuration.robot.host, store.directory, problems, driver=configuration.driver))
         _handle_signals(daemon.state.stopping)
         heartbeats.beat("bus", WORKER_PATIENCE_S)  # one that never sends its first document is missed as well
         scheduler = Scheduler(daemon.monitor, store, problems, requests, clocks)
+
+        def sending() -> None:
+            if daemon.state.stopping.is_set():
+                raise Stopping
+
+        apart = HERE if trial else Apart(sending)
+        uploads = Uploads(store, lambda: daemon.state.configuration, problems, clocks.now, compute=apart)
         workers = Workers(
             scheduler=scheduler,
-            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clocks.now),
+            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clocks.now, uploads.observe),
             document=MonitorDocument(store, problems, clocks.now, trial=trial),
             reloader=Reloader(daemon.monitor, scheduler),
             problems=problems,
             heartbeats=heartbeats,
         )
-        _start_threads(daemon.state.stopping, workers, alive, stack)
+        _start_threads(daemon, workers, uploads, alive, gathered, stack)
         if running is not None:
             stack.enter_context(running(Running(daemon, store, scheduler, requests)))
         _watch(daemon, configuration, workers, hangup, stack)
@@ -207,6 +226,7 @@ def _replay_over_rtde(
         announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": number(), **about}),
         model=daemon.state.torque_model,
         on_progress=on_progress,
+        compute=daemon.state.compute,
     )
 
 
@@ -228,8 +248,11 @@ def _set_by(number: signal.Signals, event: threading.Event) -> None:
     signal.signal(number, lambda *_: threading.Thread(target=event.set, daemon=True).start())
 
 
-def _start_threads(stopping: threading.Event, workers: Workers, alive: Callable[[], None], stack: ExitStack) -> None:
-    """Start the scheduler's and maintenance's threads; leaving the stack stops and joins them."""
+def _start_threads(
+    daemon: Daemon, workers: Workers, uploads: Uploads, alive: Callable[[], None], gathered: Callable[[], None], stack: ExitStack
+) -> None:
+    """Start the threads of the scheduler, of maintenance, of the archive and of ordinary work; leaving the stack stops and joins them."""
+    stopping = daemon.state.stopping
 
     def maintained() -> None:
         workers.heartbeats.beat("upkeep", 10 * WORKER_PATIENCE_S)
@@ -238,7 +261,10 @@ def _start_threads(stopping: threading.Event, workers: Workers, alive: Callable[
         # one thread that lives as long as the service: a replay's child must not outlive the thread that started it
         threading.Thread(target=workers.scheduler.run, args=(stopping, alive), name="replays"),
         threading.Thread(target=workers.maintenance.run, args=(stopping, maintained), name="upkeep"),
+        threading.Thread(target=uploads.run, args=(stopping,), name="uploads"),
     ]
+    if daemon.work is not None:
+        threads.append(threading.Thread(target=daemon.work.run, args=(stopping, gathered), name="work"))
     for thread in threads:
         thread.start()
         stack.callback(thread.join)
@@ -248,12 +274,18 @@ def _start_threads(stopping: threading.Event, workers: Workers, alive: Callable[
 def _watch(daemon: Daemon, configuration: Configuration, workers: Workers, hangup: threading.Event, stack: ExitStack) -> None:
     """Start receiving the arm's state, report that the service is ready, and run the main loop."""
     rate_hz = max(configuration.robot.listen_hz, configuration.bus.live_rate_hz)
+    if configuration.work.listen:
+        rate_hz = max(rate_hz, configuration.work.rate_hz)
     listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=rate_hz))
     listener.start()
     stack.callback(listener.stop)
     notify("READY=1")
+    if (prior := configuration.assess.drift.prior) is not None:
+        log.info("joints begin with the prior of a fleet model=%s arms=%d digest=%s", prior.model, prior.arms, prior.digest)
     upcoming = workers.scheduler.coming(1)
     following = rfc3339(upcoming[0].opens_unix_s) if upcoming else "never"
     log.info("watching robot=%s host=%s next=%s", configuration.robot.id, configuration.robot.host, following)
     stack.callback(notify, "STOPPING=1\nSTATUS=stopping")
-    MainLoop(daemon, listener, workers, hangup).run()
+    errors = configuration.driver.errors(configuration.robot.host)
+    stack.callback(errors.close)
+    MainLoop(daemon, listener, workers, hangup, errors).run()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from monitor.acquire.schedule.check import check_windows, reach_back_s
+from monitor.acquire.schedule.needed import Need, needed_windows
 from monitor.acquire.schedule.observers import ColdStart, WarmUp
 from monitor.acquire.schedule.triggers import Triggers
 from monitor.acquire.schedule.windows import Window, upcoming, windows
@@ -20,6 +21,7 @@ from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
 from monitor.service.lending import Lender, Lending, serves
+from monitor.service.needed import not_needed
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.store.ledger import LedgerRow
@@ -49,6 +51,9 @@ class Performer(Lender, Protocol):
 
     def roll_back(self) -> bool:
         """Take back every assessment dated in the future; False where that is not possible."""
+
+    def needed(self) -> Need:
+        """From when the next replay is needed, and why."""
 
     def next_due(self, unix_s: float | None) -> None:
         """Publish when the next window opens."""
@@ -235,7 +240,9 @@ class Scheduler:
             return []
         known = self._store.ledger.windows(now - settings.jitter_s, now + 400 * DAY_S)
         trusted_unix_s = now + max(0.0, self._wait_until - self._clocks.monotonic())
-        more = upcoming(settings, max(trusted_unix_s, self._not_before), count + min(len(known), 50), began, self._salt)
+        needed = self._monitor.needed()
+        since = max(trusted_unix_s, self._not_before, needed.from_unix_s - settings.grace_s)
+        more = needed_windows(upcoming(settings, since, count + min(len(known), 50), began, self._salt), needed)
         return [window for window in more if window.key_unix_s not in known][:count]
 
     def _check(self, now: float) -> None:
@@ -251,11 +258,17 @@ class Scheduler:
             salt=self._salt,
             triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
         )
+        needed = self._monitor.needed()
         for window in found.missed:
             if window.opens_unix_s >= self._not_before and not self._lending.joined(window):
-                self._monitor.skip(window.key_unix_s, self._why_missed(window))
+                self._monitor.skip(window.key_unix_s, not_needed(window.closes_unix_s, needed) or self._why_missed(window))
         self._watched = now
         if found.due is None or found.due.opens_unix_s < self._not_before:
+            return
+        unneeded = None if found.due.why == "evidence" else not_needed(found.due.closes_unix_s, needed)
+        if unneeded is not None:
+            for window in (*found.merged, found.due):
+                self._monitor.skip(window.key_unix_s, unneeded)
             return
         if self._lending.lent:
             for window in (*found.merged, found.due):

@@ -3,13 +3,16 @@
 import dataclasses
 import logging
 import threading
+from pathlib import Path
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.publish.live_torque import LiveTorque
-from monitor.recording import Array, Recording
+from monitor.model.robot import Robot
+from monitor.publish.live_torque import LiveTorque, sample_var
+from monitor.recording import Array
+from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.service.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.recordings import read_recording
@@ -25,8 +28,9 @@ class SharedState:
     by an assessment or by what a person does to an alert.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
-        self.configuration = configuration
+    def __init__(self, configuration: Configuration, compute: Compute = HERE) -> None:
+        """`compute`: how verdicts and what else is heavy are computed."""
+        self.configuration, self.compute = configuration, compute
         self.robot = configuration.robot_description  # a change of it needs a restart
         self.estimator = EstimatorState()
         self.live_torque: LiveTorque | None = None
@@ -54,10 +58,10 @@ class SharedState:
         """The temperature-compensated torque model; None before the first assessment."""
         return self.estimator.model
 
-    def take(self, estimator: EstimatorState, recording: Recording | None) -> None:
-        """Replace the estimator's state. `recording`: the replay that it was updated with last, where it is still kept."""
+    def take(self, estimator: EstimatorState, more_var: Array | None) -> None:
+        """Replace the estimator's state. more_var : what the replay that it was updated with last says of the noise of samples."""
         self.estimator = estimator
-        self.prepare_live(recording)
+        self.prepare_live(more_var)
 
     def take_amended(self, estimator: EstimatorState) -> None:
         """Replace belief and health: a person has declared work without a replay. The torque model is that of the last replay still."""
@@ -83,17 +87,23 @@ class SharedState:
         """Take for how long nothing was learnt; None where that is not too long."""
         self.nothing_learnt = text
 
-    def prepare_live(self, recording: Recording | None) -> None:
-        """Prepare live predictions for the present model, so that no query waits for that."""
+    def prepare_live(self, more_var: Array | None) -> None:
+        """Prepare live predictions for the present model, so that no query waits for that. more_var : as `LiveTorque` takes it."""
         if self.torque_model is not None:
-            self.live_torque = LiveTorque(self.torque_model, self.robot, self.configuration.gains_nm_per_a, recording)
+            self.live_torque = LiveTorque(self.torque_model, self.robot, self.configuration.gains_nm_per_a, more_var)
+
+    def sample_var(self, store: Store, estimator: EstimatorState) -> Array | None:
+        """What the last assessed replay says of the noise of samples; None where the model says it, or the recording is gone."""
+        model, gains = estimator.model, self.configuration.gains_nm_per_a
+        assessed = [] if model is None or model.measured_rms_nm is not None else store.ledger.rows(states=("assessed",), limit=1)
+        if model is None or not assessed:
+            return None
+        try:
+            return self.compute(_sample_var_of, store.recordings.path(assessed[0].id), model, self.robot, gains)
+        except (BadInput, ComputingFailed) as error:
+            log.warning("live torque: its noise is not known until the next replay: %s", error)
+            return None
 
 
-def last_recording(store: Store) -> Recording | None:
-    """The recording of the last assessed replay; None where it is no longer kept."""
-    assessed = store.ledger.rows(states=("assessed",), limit=1)
-    try:
-        return read_recording(store.recordings.path(assessed[0].id)) if assessed else None
-    except BadInput as error:
-        log.warning("live torque: its noise is not known until the next replay: %s", error)
-        return None
+def _sample_var_of(path: Path, model: CompensatedModel, robot: Robot, gains: Array | None) -> Array | None:
+    return sample_var(model, robot, gains, read_recording(path))

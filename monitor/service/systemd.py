@@ -85,6 +85,23 @@ class Watchdog:
             notify("WATCHDOG=1")
 
 
+class StatusLine:
+    """What `systemctl status` shows of a running service. The first line also says that it is ready."""
+
+    def __init__(self) -> None:
+        """Nothing was said yet."""
+        self._said, self._said_at = "", 0.0
+
+    def say(self, status: str) -> bool:
+        """Say how the service is, where that has changed, once a second at most. Returns whether this was the first line."""
+        if status == self._said or time.monotonic() - self._said_at < 1.0:
+            return False
+        notify(f"READY=1\nSTATUS={status}")
+        first = not self._said
+        self._said, self._said_at = status, time.monotonic()
+        return first
+
+
 def watchdog_s() -> float:
     """The time [s] after which the service manager restarts a silent process; 0 where it does not watch."""
     if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
+from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 
@@ -20,6 +22,31 @@ log = logging.getLogger(__name__)
 PROFILE_REPLAYS = 3  # the latest accepted ones: enough to see what returns at a place, and it takes a second
 PROFILE_ROWS = 8000  # 0.5 ms each: the motion begins so much later
 LOOK_BACK = 12  # assessed replays among which those of this trajectory are searched
+
+
+def learnt_basis(
+    store: Store,
+    configuration: Configuration,
+    excitation: Excitation,
+    context: Context,
+    model: CompensatedModel | None = None,
+    compute: Compute = HERE,
+) -> BandBasis:
+    """`torque_basis`, where `compute` reads the recordings. Raises StoreError."""
+    if not store.ledger.rows(limit=1, states=("assessed",)):
+        return BandBasis()
+    try:
+        return compute(_basis_of, store.directory, configuration, excitation, context, model)
+    except ComputingFailed as error:
+        log.warning("what was learnt for the torque band is read here: %s", error)
+        return torque_basis(store, configuration, excitation, context, model)
+
+
+def _basis_of(
+    directory: Path, configuration: Configuration, excitation: Excitation, context: Context, model: CompensatedModel | None
+) -> BandBasis:
+    with Store.reader(directory) as store:
+        return torque_basis(store, configuration, excitation, context, model)
 
 
 def torque_basis(

@@ -327,7 +327,10 @@ def test_a_secret_comes_from_the_service_managers_credentials_and_is_never_shown
     with pytest.raises(BadConfiguration, match="the credential who") as refused:
         load(path, environment)
     assert "Hunter" not in str(refused.value)
-    for environment, message in (({}, "CREDENTIALS_DIRECTORY is not set"), ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read")):
+    for environment, message in (
+        ({}, "CREDENTIALS_DIRECTORY is not set.*by hand"),
+        ({"CREDENTIALS_DIRECTORY": str(tmp_path)}, "cannot be read"),
+    ):
         with pytest.raises(BadConfiguration, match=message):
             load(path, environment)
     path.write_text(path.read_text().replace("credential:who", "credential:../../etc/passwd"))
@@ -399,3 +402,16 @@ def test_a_service_without_a_directory_has_its_history_where_systemd_put_it_and_
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == begun
     (tmp_path / "cell-1.toml").write_text(f'{least}[store]\ndirectory = "history"\n')
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == tmp_path / "history"
+
+
+def test_a_secret_in_a_list_of_tables_comes_from_its_credential_too(tmp_path):
+    """As the recipients of the gateway have them."""
+    from monitor.config.sources import with_credentials
+
+    (tmp_path / "hook").write_text("s3cret\n")
+    mistakes, secrets = [], {}
+    document = {"notify": {"to": [{"name": "a"}, {"secret": "credential:hook", "token": "credential:absent"}]}}
+    read = with_credentials(document, str(tmp_path), mistakes, secrets)
+    assert read["notify"]["to"][1]["secret"] == "s3cret"
+    assert secrets == {"hook": "s3cret"}
+    assert [mistake.partition(":")[0] for mistake in mistakes] == ["notify.to.1.token"]

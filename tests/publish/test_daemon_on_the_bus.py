@@ -13,6 +13,7 @@ import jsonschema
 import numpy as np
 import pytest
 import zenoh
+from once import once
 from undeclared import undeclared
 
 from monitor.acquire.schedule.settings import ScheduleSettings
@@ -59,9 +60,10 @@ class Arm:
 
 
 @pytest.fixture(scope="module")
-def recording():
+def recording(tmp_path_factory):
     """One replay of the simulated UR5."""
-    return stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(find_excitation("ur5-ground", Path()), repetitions=1))
+    excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
+    return once(tmp_path_factory, "recording", lambda _: stepped_replay(Controller(SimulateSettings(robot="ur5")), excitation))
 
 
 def settled(folder: Path, endpoint: str):
@@ -78,7 +80,10 @@ def settled(folder: Path, endpoint: str):
 @pytest.fixture(scope="module")
 def history(tmp_path_factory, recording) -> Path:
     """The directory of a daemon after three replays; each test continues from a copy."""
-    folder, arm = tmp_path_factory.mktemp("cell"), Arm(recording)
+    return once(tmp_path_factory, "history", lambda folder: _after_three_replays(folder, Arm(recording)))
+
+
+def _after_three_replays(folder: Path, arm: Arm) -> Path:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -340,6 +345,10 @@ class Heard:
         self.reachable, self.problem = True, None
         self._period_s, self._state, self._next = 1.0 / rate_hz, state, time.monotonic()
 
+    def wait(self, timeout_s):
+        time.sleep(max(0.0, min(self._next - time.monotonic(), timeout_s)))
+        return True
+
     def poll(self):
         rows = []
         while self._next <= time.monotonic():
@@ -352,7 +361,7 @@ class Heard:
 
 
 def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
-    """For any rate of the controller: two seconds, with a tolerance of one sample and of a quarter for a busy machine."""
+    """For any rate of the controller: some two seconds, with a tolerance of one sample and of a quarter for a busy machine."""
     daemon, store, arm, _ = cell
     row, configuration = arm.recording, daemon.state.configuration
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
@@ -374,8 +383,10 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
         monkeypatch.setattr(daemon.publisher, "live", samples.append)
         daemon.state.stopping.clear()
         threading.Timer(2.0, daemon.state.stopping.set).start()
+        began = time.monotonic()
         MainLoop(daemon, Heard(asked_hz, state), workers, threading.Event()).run()
-        assert abs(len(samples) - 2.0 * rate_hz) <= 0.25 * 2.0 * rate_hz + 1.0, rate_hz
+        lasted_s = time.monotonic() - began  # longer than the timer's where the machine has other work
+        assert abs(len(samples) - lasted_s * rate_hz) <= 0.25 * lasted_s * rate_hz + 1.0, (rate_hz, lasted_s)
 
 
 def test_after_a_reload_info_has_the_digest_of_the_settings_in_force(cell):

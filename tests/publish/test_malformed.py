@@ -1,7 +1,6 @@
 """Malformed queries: each gets one error reply that names the mistake, without any effect, growth or crash."""
 
 import json
-import os
 import random
 import subprocess
 import sys
@@ -13,10 +12,10 @@ import pytest
 import zenoh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from prepared import Process
 
 from monitor.publish.session import session_config
 
-ROOT = Path(__file__).parents[2]
 PREFIX = "joint-monitor/v1/lab/cell-1"
 COMMANDS = ("torque", "cmd/ack", "cmd/shelve", "cmd/replay")
 GOOD = {
@@ -37,9 +36,8 @@ class Asked:
 
     def __init__(self, folder: Path, port: int) -> None:
         endpoint = f"tcp/127.0.0.1:{port}"
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # this checkout, whatever is installed
         command = [sys.executable, str(Path(__file__).parent / "quiet_daemon.py"), str(folder), endpoint]
-        self.daemon = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+        self.daemon = Process(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.daemon.stdout.readline() == "up\n"
         self.session = zenoh.open(session_config(mode="client", connect=(endpoint,)))
 

@@ -1,7 +1,6 @@
 """A stream of alerts while router, daemon and subscriber restart in random order: none is lost or repeated, and order is kept."""
 
 import itertools
-import os
 import random
 import signal
 import subprocess
@@ -11,12 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
+from prepared import Process
 
 from monitor.errors import BusError
 from monitor.publish.client import Client
 from monitor.store.store import Store
 
-ROOT = Path(__file__).parents[2]
 ROUTER = (
     "import json, sys, time, zenoh\n"
     "from monitor.publish.session import session_config\n"
@@ -140,8 +139,7 @@ class Site:
 
 
 def _up(command: list[str]) -> "subprocess.Popen[str]":
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # this checkout, whatever is installed
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    process = Process(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     if process.stdout.readline() != "up\n":
         process.kill()
         raise AssertionError(f"{command[1]} did not come up")

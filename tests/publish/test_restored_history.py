@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+from prepared import Process
 from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
 
 from monitor.errors import BusError
@@ -73,7 +74,7 @@ def test_a_restored_history_is_an_alert_until_it_is_acknowledged(tmp_path: Path,
         f'[store]\ndirectory = "history"\n[bus]\nlisten = ["{endpoint}"]\n'
     )
     command = [sys.executable, "-m", "monitor", "run", "--config", str(tmp_path / "cell.toml")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with Process(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             with reached(endpoint, process) as client:
                 alert = restored_alert(client)

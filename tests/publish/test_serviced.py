@@ -1,5 +1,6 @@
 """Work on a joint, declared on the bus and without a daemon: what it changes, how it lasts, and how it is taken back."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -12,6 +13,8 @@ from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import BadInput
+from monitor.judge.inspection import InspectionSettings
+from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import schema
 from monitor.service.daemon import Daemon
 from monitor.service.history.recompute import recompute
@@ -153,3 +156,38 @@ def test_work_declared_while_no_daemon_runs_is_published_by_the_next_one(tmp_pat
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
         assert daemon.state.estimator.belief.filter_state.replays.tolist() == [4, 4, 4, 1, 4, 4]
         assert [row.document["outcome"] for row in store.works.rows()] == ["new_joint"]
+
+
+def test_a_check_is_recorded_on_the_bus_and_everybody_hears_of_it(cell, client):  # noqa: F811
+    """An arm without checks refuses it by name; one with them publishes its document at once."""
+    daemon, store, _, _ = cell
+    with pytest.raises(BadInput, match="no check of this arm"):
+        client.inspected(InspectedRequest(item="flat rings", by="Ada", why="as new"))
+    settings = InspectionSettings(plan="universal-robots")
+    daemon.state.use(dataclasses.replace(daemon.state.configuration, inspection=settings))
+    answer = client.inspected(InspectedRequest(item="flat rings", by="Ada", why="as new"))
+    assert answer.inspection["state"] == "done"
+    [message] = client.get("inspection")
+    jsonschema.validate(message.document, schema("inspection"))
+    assert [item["last_by"] for item in message.document["items"] if item["name"] == "flat rings"] == ["Ada"]
+    client.inspected(UndoInspectedRequest(item="flat rings", by="Ada", why="another arm"))
+    [row] = store.duties.inspections()
+    assert (row.undone_by, row.undone_why) == ("Ada", "another arm")
+
+
+def test_a_check_is_recorded_from_a_computer_without_the_history(cell, tmp_path):  # noqa: F811
+    """The daemon is asked, as for work on a joint; where none answers either, nobody has begun."""
+    daemon, store, _, endpoint = cell
+    daemon.state.use(dataclasses.replace(daemon.state.configuration, inspection=InspectionSettings(plan="universal-robots")))
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    text = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "none"\n[bus]\nlisten = ["{}"]\n'
+    command = ["inspected", "flat rings", "--by", "Ada", "--why", "as new", "--config", str(elsewhere / "cell.toml")]
+    (elsewhere / "cell.toml").write_text(text.format(endpoint))
+    done = CliRunner().invoke(app, command, catch_exceptions=False)
+    assert done.output.startswith("cell-1: flat rings: due 20")
+    assert [row.done_by for row in store.duties.inspections()] == ["Ada"]
+    (elsewhere / "cell.toml").write_text(text.format("tcp/127.0.0.1:9"))
+    nobody = CliRunner().invoke(app, command)
+    assert "no history yet; the first start" in str(nobody.exception)
+    assert not (elsewhere / "none").exists()

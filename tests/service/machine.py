@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent.parent
+PLANT = "joint-monitor-plant"  # name of the plant's configuration
 NEEDED = ("unshare", "nsenter", "systemd-sysusers", "systemd-tmpfiles", "mount", "pivot_root")
 
 BOOT = r"""
@@ -45,6 +46,7 @@ while read -r from to; do
 done < "$1/binds"
 install -m 755 "$1/joint-monitor" $R/opt/joint-monitor/bin/joint-monitor
 cp "$1"/etc/* $R/etc/joint-monitor/
+if [ -f "$1/etc/joint-monitor-plant.toml" ]; then mv $R/etc/joint-monitor/joint-monitor-plant.toml $R/etc/; fi
 cp -r "$1"/units/* $R/etc/systemd/system/
 for target in sysinit basic shutdown network-online time-sync; do
     printf '[Unit]\nDescription=%s\n' $target > $R/etc/systemd/system/$target.target
@@ -94,14 +96,15 @@ def _cgroup_root() -> Path | None:
 class Machine:
     """A context manager; `run` executes inside, `unit` asks systemd for properties."""
 
-    def __init__(self, folder: Path, configurations: dict[str, str], drop_in: str = "") -> None:
-        """`configurations`: robots' TOML by instance; `drop_in`: everything that the test changes of the shipped unit."""
+    def __init__(self, folder: Path, configurations: dict[str, str], drop_ins: dict[str, str]) -> None:
+        """`configurations`: robots' TOML by instance, PLANT: the plant's; `drop_ins`: all that the test changes, by shipped unit."""
         self._folder = folder
-        for name in ("units/joint-monitor@.service.d", "etc"):
-            (folder / name).mkdir(parents=True)
+        (folder / "etc").mkdir()
         deploy = ROOT / "deploy"
-        shutil.copy(deploy / "joint-monitor@.service", folder / "units")
-        (folder / "units" / "joint-monitor@.service.d" / "test.conf").write_text(drop_in)
+        for unit in ("joint-monitor@", "joint-monitor-plant", "joint-monitor-gateway"):
+            (folder / f"units/{unit}.service.d").mkdir(parents=True)
+            (folder / f"units/{unit}.service.d/test.conf").write_text(drop_ins.get(unit, ""))
+            shutil.copy(deploy / f"{unit}.service", folder / "units")
         shutil.copy(deploy / "joint-monitor.sysusers", folder / "sysusers.conf")
         shutil.copy(deploy / "joint-monitor.tmpfiles", folder / "tmpfiles.conf")
         for name, text in configurations.items():

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from once import once
 from test_store import DAY, commit, replayed
 
 from monitor.config.load import from_document
@@ -21,6 +22,8 @@ from monitor.service.history.assess_and_store import EstimatorState, assess_stor
 from monitor.service.history.recompute import recompute
 from monitor.service.motion import check_conditions
 from monitor.service.preflight import service_conditions
+from monitor.service.problems import Problems
+from monitor.service.uploads import Uploads
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -238,11 +241,11 @@ def test_recordings_are_pruned_by_age_and_by_size_and_their_verdicts_stay(tmp_pa
 
 
 @pytest.fixture(scope="module")
-def recordings() -> list[Recording]:
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
     """Three recordings of a simulated arm."""
     excitation = replace(configuration(Path()).excitation, repetitions=1)
     arm = Controller(SimulateSettings(robot="ur5"))
-    return [stepped_replay(arm, excitation) for _ in range(3)]
+    return once(tmp_path_factory, "recordings", lambda _: [stepped_replay(arm, excitation) for _ in range(3)])
 
 
 def configuration(folder: Path, **sections: Any) -> Configuration:
@@ -315,3 +318,26 @@ def test_each_difference_is_named_by_its_key():
         "d: 3, now None",
         "e: None, now 4",
     ]
+
+
+def test_verdicts_are_recomputed_to_the_last_bit_from_recordings_that_only_the_archive_has(
+    tmp_path: Path, recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
+):
+    """Local retention may be short. An archive that is away is an error, and no verdict that cannot be recomputed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    (tmp_path / "archive").mkdir()
+    first = configuration(tmp_path, store={"directory": str(tmp_path), "recordings": "archive"})
+    with Store.open(tmp_path) as store:
+        lived(store, first, recordings, range(2))
+        uploads = Uploads(store, lambda: first, Problems(lambda: 1e9), lambda: 1e9)
+        while uploads.step() == 0.0:
+            pass
+        for row in store.ledger.rows():
+            store.recordings.path(row.id).unlink()
+            store.ledger.mark_removed(row.id, 1e9)
+        result = recompute(store)
+        assert (result["assessments"], result["identical"], result["not_recomputable"]) == (2, 2, 0)
+        shutil.rmtree(tmp_path / "cache")
+        (tmp_path / "archive").rename(tmp_path / "away")
+        with pytest.raises(StoreError, match="there is no such folder"):
+            recompute(store)

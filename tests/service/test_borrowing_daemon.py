@@ -1,13 +1,12 @@
 """The daemon borrows the arm of a program that plays: real processes, the real wire, real Zenoh, in real time."""
 
 import json
-import subprocess
-import sys
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from command_line import program
+from command_line import ended
 from simulated_arm import simulated_arm
 from test_daemon import Cell, eventually, stop
 
@@ -42,16 +41,20 @@ class LendingCell(Cell):
         (folder / "program.toml").write_text(tree)
 
     def dashboard(self, line: str) -> str:
-        code = "import socket, sys; w = socket.create_connection((sys.argv[1], 29999), 10); f = w.makefile('rw'); f.readline(); "
-        code += "f.write(sys.argv[2] + '\\n'); f.flush(); print(f.readline().strip())"
-        return subprocess.run([sys.executable, "-c", code, self.host, line], capture_output=True, text=True, check=True).stdout.strip()
+        with socket.create_connection((self.host, 29999), 10.0) as wire, wire.makefile("rw") as file:
+            file.readline()
+            file.write(line + "\n")
+            file.flush()
+            return file.readline().strip()
 
     def node(self) -> str | None:
         """The number of the text that a node would get; None while there is none."""
-        code = "import socket, sys; w = socket.create_connection((sys.argv[1], 50002), 2); w.sendall(sys.argv[2].encode()); "
-        code += "print(w.makefile().readline())"
-        done = subprocess.run([sys.executable, "-c", code, self.host, f"{REQUEST.decode()}\n"], capture_output=True, text=True, check=False)
-        return number_of(done.stdout)
+        try:
+            with socket.create_connection((self.host, 50002), 2.0) as wire, wire.makefile() as file:
+                wire.sendall(REQUEST + b"\n")
+                return number_of(file.readline())
+        except OSError:
+            return None
 
     def passes(self, remote: Remote, count: int) -> bool:
         """Whether the program goes round so often: the arm is seen at the place after the node, and away from it again."""
@@ -85,7 +88,7 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
         assert eventually(lambda: due(client) is not None, 30.0), daemon.kill() or daemon.communicate()[1]
         since = due(client)["since"]
     assert eventually(lambda: cell.node() is not None, 30.0)
-    checked = json.loads(program("check", "--config", str(cell.config), "--json").stdout)
+    checked = json.loads(ended("check", "--config", str(cell.config), "--json").stdout)
     (served,) = [each for each in checked["service"] if each["name"] == "hand_over"]
     assert cell.node() in served["told"]
     daemon.kill()
@@ -94,12 +97,12 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
     daemon = cell.daemon()
     with cell.client() as client, Remote(cell.host) as remote:
         assert eventually(lambda: due(client) is not None and due(client)["since"] == since, 30.0), daemon.kill() or daemon.communicate()[1]
-        shown = program("status", "--config", str(cell.config)).stdout
+        shown = ended("status", "--config", str(cell.config)).stdout
         assert f"replay due since {since} (asked for), " in shown.replace("\n", " ")
         assert cell.node() is not None  # from the first moment on: the text was kept
         assert cell.dashboard("play") == "Starting program"
         assert eventually(lambda: bool(client.get("replay")) and client.get("replay")[0].document["state"] == "ended", 60.0)
-        assert cell.passes(remote, 2)
+        assert cell.passes(remote, 2), (cell.dashboard("programState"), client.get("monitor")[0].document["last_replay"])
         assert cell.dashboard("programState") == "PLAYING cell.urp"
         truth = remote.truth()
         assert (truth["stops"], truth["watchdog_s"]) == ([], None)
@@ -115,5 +118,5 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
         (row,) = store.ledger.rows()
         assert row.kind == "requested"
         assert store.stops.waiting() == []
-    shown = program("status", "--config", str(cell.config)).stdout
+    shown = ended("status", "--config", str(cell.config)).stdout
     assert "borrowed from cell.urp, which waited" in shown

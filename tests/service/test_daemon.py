@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from command_line import ended
+from prepared import Process
 
 from monitor.errors import BusError
 from monitor.publish.client import Client
@@ -77,7 +79,7 @@ class Cell:
 
     def daemon(self, *arguments: str) -> "subprocess.Popen[str]":
         command = [sys.executable, "-m", "monitor", "run", "--config", str(self.config), *arguments]
-        self.started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+        self.started.append(Process(command, stderr=subprocess.PIPE, text=True))
         return self.started[-1]
 
     def end(self) -> None:
@@ -108,13 +110,22 @@ def eventually(condition: Callable[[], bool], within_s: float) -> bool:
     while time.monotonic() < deadline:
         if condition():
             return True
-        time.sleep(0.02)
+        time.sleep(0.05)
     return False
 
 
 def children(pid: int) -> list[int]:
     path = Path(f"/proc/{pid}/task")
     return [int(child) for task in path.iterdir() for child in (task / "children").read_text().split()]
+
+
+def loaded(pid: int) -> set[str]:
+    """Which of the large packages a process has loaded: their compiled parts are in its memory."""
+    maps, packages = (
+        Path(f"/proc/{pid}/maps").read_text(),
+        ("numpy", "scipy/linalg", "scipy/special", "pinocchio", "pyarrow", "pandas", "matplotlib", "clarabel", "rtde"),
+    )
+    return {package for package in packages if re.search(rf"site-packages/{package}[/_.].*\.so", maps)}
 
 
 def gone(pids: list[int]) -> bool:
@@ -124,7 +135,7 @@ def gone(pids: list[int]) -> bool:
 @pytest.fixture
 def cell(tmp_path: Path, free_port: int, worker_id: str) -> Iterator[tuple[Cell, Remote]]:
     host = f"127.0.5.{10 + (0 if worker_id == 'master' else int(worker_id[2:]))}"
-    simulator = subprocess.Popen([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
+    simulator = Process([sys.executable, "-m", "monitor.simulate", "--bind", host], stdout=subprocess.PIPE, text=True)
     try:
         assert simulator.stdout.readline().startswith("listening")
         cell = Cell(tmp_path, host, free_port)
@@ -171,6 +182,8 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         assert eventually(lambda: len(client.get("torque/live")) == 1, 10.0)
         live = client.get("torque/live")[0].document
         assert len(live["residual_nm"]) == 6
+        assert loaded(daemon.pid) == {"numpy", "pinocchio"}  # what a replay and a verdict need was loaded by children, which have ended
+        assert children(daemon.pid) == []
     output = stop(daemon)
     assert "verdict=assessed" in output
 
@@ -186,6 +199,7 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     with cell.client() as client:
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 10.0)
         assert client.get("joint/3/friction")[0].document == friction
+        assert loaded(daemon.pid) == {"numpy", "pinocchio"}
         asked = ended("predict", "--config", str(cell.config), *arguments, "--json")
         assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
     stop(daemon)

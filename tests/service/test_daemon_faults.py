@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from prepared import Process
 from test_scheduler import needs_root, small_disk  # noqa: F401 - a fixture
 
 import monitor.service.run
@@ -103,7 +104,7 @@ def test_a_reload_while_the_daemon_waits_for_its_disk_is_carried_out(small_disk:
             return message
 
         command = [sys.executable, "-m", "monitor", "run", "--config", str(config)]
-        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:
+        with Process(command, env=environment, stderr=subprocess.PIPE, text=True) as daemon:
             try:
                 waiting = until("waiting for the history")
                 assert f"may write below {tmp_path / 'state'} alone" in waiting

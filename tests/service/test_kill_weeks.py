@@ -23,6 +23,7 @@ import os, sys, time
 from dataclasses import replace
 from pathlib import Path
 from monitor.config.load import from_document
+from monitor.acquire.schedule.needed import Told, need
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
 from monitor.store.store import Store
@@ -64,6 +65,7 @@ def live():
             for row in self.store.ledger.repair(now()): self.finish(row.id)
         def roll_back(self): raise AssertionError("the clock never went back")
         def next_due(self, at): pass
+        def needed(self): return need(self.configuration.schedule, Told())
 
     with Store.open(folder) as store:
         arm = Arm(store)

@@ -9,6 +9,7 @@ import pytest
 from test_backups_and_retention import configuration
 from test_scheduler import DAY, START, Arm
 
+from monitor.acquire.schedule.needed import Told
 from monitor.errors import MonitorError, MotionRefused
 from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
@@ -45,6 +46,7 @@ class LentArm(Arm):
         self.unheard = ""  # before any node
         self.waiting: DueReplay | None = None
         self.asked = 0
+        self.told = Told()
         self.requests = ReplayRequests()
         self.scheduler = self.started()
 

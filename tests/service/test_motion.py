@@ -1,8 +1,6 @@
 """Motions in the history: every ending that is not known to be good waits for a person, whatever ended it."""
 
-import os
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from excitations import short
+from prepared import run
 from test_driver import DONE, WAITING, MovingSession, ScriptedDriver, ScriptedSession, phase, row
 from test_guard import ready_state
 from typer.testing import CliRunner
@@ -170,6 +169,7 @@ def test_a_full_disk_keeps_the_arm_where_it_is_or_asks_for_a_person(configuratio
 DYING = """
 import os, signal, sys
 from pathlib import Path
+sys.path[:] = sys.argv[2:]
 from test_motion import *
 configuration = load(Path(sys.argv[1]))
 class Dying(MovingSession):
@@ -184,8 +184,7 @@ with Store.open(configuration.state_directory) as store:
 
 def test_sigkill_or_a_power_cut_in_mid_motion_waits_for_a_person(configuration: Configuration):
     """A protective stop 20 ms before would be unknown to everybody: so any such end counts as one. `check` says it at once."""
-    path = ":".join(sys.path)
-    done = subprocess.run([sys.executable, "-c", DYING, str(configuration.path)], env={**os.environ, "PYTHONPATH": path}, check=False)
+    done = run([sys.executable, "-c", DYING, str(configuration.path), *sys.path], 100.0)
     assert done.returncode == -signal.SIGKILL
     found = {each.name: each for each in check_conditions(configuration)}
     assert not found["previous_stop"].holds

@@ -4,6 +4,7 @@ import json
 import os
 import socket
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from command_line import ended
 from sim_process import Spawned
 from test_hand_over_script import CONTROL
 
-from monitor.acquire.hand_over.script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN
+from monitor.acquire.hand_over.script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN, VERSION
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.ur.driver import UniversalRobots
@@ -19,7 +20,7 @@ from monitor.config.load import load
 from monitor.errors import BadInput, RobotUnreachable
 from monitor.service.node_check import node_conditions, own_address
 from monitor.service.node_server import NO_TEXT, PROBLEM, NodeServer
-from monitor.service.node_text import NodeText, keep, kept, node_text, number_of
+from monitor.service.node_text import NodeText, keep, kept, node_text, number_of, version_of
 from monitor.service.problems import Problems
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.program_tree import load_tree
@@ -150,8 +151,9 @@ def test_check_says_what_a_node_would_get_and_from_where(node: NodeText, config,
     keep(tmp_path, node)
     with NodeServer(lending(free_port), HOST, tmp_path, Problems(lambda: 0.0)):
         served = found(path)
-    assert served.checked
+    assert not served.checked
     assert f"a node gets text {node.number}" in served.text
+    assert "no node was reached yet" in served.text
     with socket.create_server(("127.0.0.1", free_port)) as other:
 
         def hang_up() -> None:
@@ -162,6 +164,40 @@ def test_check_says_what_a_node_would_get_and_from_where(node: NodeText, config,
     assert "listens on 192.0.2.1 alone" in found(config("external_control", f"192.0.2.1:{free_port}")).text
     assert node_conditions(load(config("none"))) == ()
     assert own_address("127.0.0.1") == "127.0.0.1"
+
+
+def says(version: int, reached: int) -> None:
+    """Leave in the arm's registers what a node would leave there."""
+    with socket.create_connection((HOST, 30002), timeout=2.0) as wire:
+        words = "".join(f"  write_output_integer_register({place}, {value})\n" for place, value in ((VERSION, version), (OFFER, reached)))
+        wire.sendall(f"sec node():\n{words}end\n".encode())
+        until = time.monotonic() + 5.0
+        while UniversalRobots().node_says(HOST) != (version, reached):
+            assert time.monotonic() < until
+            time.sleep(0.02)
+
+
+def test_check_compares_the_text_of_today_with_that_of_the_program(node: NodeText, config, tmp_path: Path, free_port: int):
+    """Which one the controller's program holds, nobody could see: a program that was not played again after an update has the old one."""
+    keep(tmp_path, node)
+    path = config("external_control")
+    with NodeServer(lending(free_port), HOST, tmp_path, Problems(lambda: 0.0)):
+        says(version_of(node.number), 1234)
+        same = found(path)
+        says(version_of(node.number) + 1, 1235)
+        other = found(path)
+    says(0, 0)
+    assert same.checked
+    assert "the program that was played last has it, its nodes were reached 1234 times" in same.text
+    assert other.holds  # it speaks against no service: the program works
+    assert not other.checked
+    assert "HAS ANOTHER TEXT: stop it and play it again" in other.text
+
+
+def test_what_a_program_says_of_its_text_is_what_check_expects(node: NodeText):
+    """In its first lines, as the number of 32 bits that a register takes."""
+    assert f"write_output_integer_register({VERSION}, {version_of(node.number)})" in node.text
+    assert 0 < version_of(node.number) < 2**31
 
 
 def test_the_file_of_a_script_node_is_written_once_and_never_replaced_unasked(arm, config, tmp_path: Path):

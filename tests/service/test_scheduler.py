@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
 
+from monitor.acquire.schedule.needed import Need, Told, need
 from monitor.errors import StoreError
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, load_state
@@ -37,6 +38,7 @@ class Arm:
         self.mended = self.rewound = 0
         self.fails: Exception | None = None
         self.outcome = "rejected"
+        self.told = Told()
         self.requests = ReplayRequests()
         self.scheduler = self.started()
 
@@ -68,6 +70,9 @@ class Arm:
 
     def next_due(self, unix_s: float | None) -> None:
         self.due = unix_s
+
+    def needed(self) -> Need:
+        return need(self.configuration.schedule, self.told)
 
     def passes(self, seconds: float, step: float = 240.0) -> None:
         """Advance both clocks, with one tick of the scheduler in each step."""
@@ -408,3 +413,24 @@ def test_a_disk_that_becomes_read_only_is_reported_and_survived(small_disk: Path
             subprocess.run(["umount", "-l", str(small_disk)], check=True)
         arm.passes(3600.0)
         assert len(arm.replayed) == before + 1
+
+
+def test_a_window_in_which_no_replay_is_needed_is_left_out_and_says_why(tmp_path):
+    """Work has told of every joint until today: the windows of a week pass, the one after `untold_days` replays, and none is a refusal."""
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0, replay="when_needed", at_most_days=30.0, untold_days=7.0)
+        arm.told = Told(START - 60 * DAY, START - DAY, (START,) * 6)
+        assert arm.scheduler.coming(1)[0].opens_unix_s == START + 7 * DAY + 3 * 3600
+        arm.passes(7.5 * DAY)
+        states = arm.states()
+        assert [state for state, _ in states] == ["skipped"] * 7 + ["rejected"]
+        assert states[0][1].startswith("not needed before 2026-06-08 (work does not tell enough of joints 1, 2, 3, 4, 5, 6")
+        assert store.ledger.refused_in_a_row() is None
+
+
+def test_wear_that_work_alone_has_found_makes_the_next_window_replay(tmp_path):
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0, replay="when_needed")
+        arm.told = Told(START - 60 * DAY, START - DAY, (START,) * 6, (2,))
+        arm.passes(DAY)
+        assert arm.replayed == [START + 3 * 3600]

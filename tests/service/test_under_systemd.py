@@ -4,9 +4,17 @@ import json
 import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
-from machine import ROOT, Machine, why_not
+from machine import PLANT, ROOT, Machine, why_not
+
+from monitor.config.load import load
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
+from monitor.store.recordings import write_recording
 
 WHY_NOT = why_not()
 pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"NO REAL SYSTEMD IN THIS RUN, the unit is not tested: {WHY_NOT}")
@@ -22,7 +30,24 @@ tool = "credential:tool"
 [bus]
 listen = ["tcp/127.0.0.1:7447"]
 """
-DROP_IN = "[Service]\nWatchdogSec=4\nRestartSec=0.2\nTimeoutAbortSec=1\nLoadCredential=tool:/etc/joint-monitor/tool.secret.toml\n"
+OF_PLANT = """
+[plant]
+connect = ["tcp/127.0.0.1:7447"]
+[screen]
+listen = "127.0.0.1:8400"
+proxies = ["127.0.0.1"]
+proxy_secret = "credential:proxy"
+proxy_role = "look"
+[mqtt]
+host = "127.0.0.1"
+tls = false
+"""
+BESIDE = ("joint-monitor-plant.service", "joint-monitor-gateway.service")
+SECRET = "/etc/joint-monitor/tool.secret.toml"
+DROP_INS = {
+    "joint-monitor@": f"[Service]\nWatchdogSec=4\nRestartSec=0.2\nTimeoutAbortSec=1\nLoadCredential=tool:{SECRET}\n",
+    PLANT: f"[Service]\nLoadCredential=proxy:{SECRET}\n",
+}
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +57,10 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
         "cell-1": CELL,
         "wrong": CELL.replace("[bus]", "[buss]"),
         "crash": CELL.replace("cell-1", "crash").replace("127.0.0.1:7447", "192.0.2.1:7447"),
-        "tool.secret": "gripper-7",
+        "tool.secret": "gripper-7-of-the-cell",
+        PLANT: OF_PLANT,
     }
-    with Machine(tmp_path_factory.mktemp("machine"), configurations, DROP_IN) as booted:
+    with Machine(tmp_path_factory.mktemp("machine"), configurations, DROP_INS) as booted:
         # only root may read the secret inside: the service gets it from systemd
         booted.run("chmod", "600", "/etc/joint-monitor/tool.secret.toml")
         booted.run("systemctl", "start", UNIT, timeout=120)
@@ -59,18 +85,13 @@ def test_it_starts_reports_its_state_and_runs_as_an_unprivileged_user(machine: M
     assert status["NoNewPrivs"] == "1"
     assert status["Uid"].split()[0] != "0"
     assert machine.unit(UNIT, "OOMPolicy")["OOMPolicy"] == "continue"
-    children: list[str] = []
-    while not children and time.monotonic() < deadline + 20.0:  # without an arm, the listening process ends and starts again
-        children = machine.run("pgrep", "--parent", str(pid(machine)), check=False).stdout.split()
-    assert children  # a process that ran out of memory ends so
-    machine.run("kill", "-KILL", *children, check=False)
     document = json.loads(machine.run("cat", "/var/lib/joint-monitor/cell-1/monitor.json").stdout)
     assert document["arm"]["heard"] is False  # there is no arm: the service runs and reports it
     entries = [json.loads(line) for line in machine.journal("-u", UNIT, "-o", "json").splitlines()]
     watching = next(entry for entry in entries if "watching robot=cell-1" in str(entry.get("MESSAGE")))
     assert watching["JOINT_MONITOR_ROBOT"] == "cell-1"
     assert watching["PRIORITY"] == "6"
-    assert "gripper-7" not in str(entries)
+    assert "gripper-7-of-the-cell" not in str(entries)
 
 
 def test_the_shipped_units_pass_systemd_analyze(machine: Machine):
@@ -108,6 +129,36 @@ def wait_for(machine: Machine, text: str, within_s: float = 10.0) -> None:
     while text not in machine.journal("-u", UNIT):
         assert time.monotonic() < deadline, machine.journal("-u", UNIT)[-3000:]
         time.sleep(0.2)
+
+
+def test_the_plant_and_its_gateway_run_as_shipped_beside_the_arm(machine: Machine):
+    """Both are ready, hold no privilege, read their credential, see the arm, write below their own folder alone, and end as asked."""
+    machine.run("systemctl", "start", *BESIDE, timeout=200)
+    try:
+        said = dict.fromkeys(BESIDE, "")
+        deadline = time.monotonic() + 100.0
+        while not all("1 arms" in text for text in said.values()):
+            assert time.monotonic() < deadline, (said, [machine.journal("-u", name)[-2000:] for name in BESIDE])
+            time.sleep(0.3)
+            said = {name: machine.unit(name, "StatusText")["StatusText"] for name in BESIDE}
+        for name in BESIDE:
+            state = machine.unit(name, "MainPID", "NRestarts", "SubState")
+            assert (state["SubState"], state["NRestarts"]) == ("running", "0")
+            status = machine.run("cat", f"/proc/{state['MainPID']}/status").stdout
+            assert "NoNewPrivs:\t1\n" in status
+            assert "CapEff:\t0000000000000000\n" in status
+            assert "Seccomp:\t2\n" in status
+            path = f"/etc/systemd/system/{name}"
+            assert machine.run("systemd-analyze", "verify", path).stderr == ""
+            machine.run("systemd-analyze", "security", "--offline=yes", "--threshold=20", path)
+        by_hand = machine.run("/opt/joint-monitor/bin/joint-monitor", "plant", "status")
+        assert "lab/cell-1" in by_hand.stdout
+        changed = machine.run("find", *PLACES, "-xdev", "-user", "joint-monitor", check=False).stdout.split()
+        assert "/var/lib/joint-monitor-plant/plant.sqlite" in changed
+        assert [path for path in changed if not path.startswith(("/var/lib/joint-monitor", "/run/credentials/"))] == []
+    finally:
+        machine.run("systemctl", "stop", *BESIDE, timeout=200)
+    assert [machine.unit(name, "Result")["Result"] for name in BESIDE] == ["success", "success"]
 
 
 def test_it_writes_nothing_outside_its_own_directories(machine: Machine):
@@ -175,3 +226,29 @@ def test_many_restarts_by_hand_and_many_failures_leave_the_service_up(machine: M
         assert time.monotonic() < deadline
         time.sleep(0.5)
     machine.run("systemctl", "stop", "joint-monitor@crash.service")
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(300)
+def test_a_verdict_and_a_report_are_made_inside_the_sandbox(tmp_path: Path):
+    """What verdict, page, report and metrics load needs no call and no place that the unit forbids."""
+    (tmp_path / "cell.toml").write_text(CELL.replace("credential:tool", "gripper"))
+    loaded = load(tmp_path / "cell.toml")
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(loaded.excitation, repetitions=1))
+    cell = CELL + '[page]\nlisten = "127.0.0.1:8399"\n[metrics]\nlisten = "127.0.0.1:8398"\n'
+    made = "/etc/joint-monitor/recording.toml"
+    first = f"ExecStartPre=/opt/joint-monitor/bin/joint-monitor import --config /etc/joint-monitor/%i.toml {made}\n"
+    drop_ins = {"joint-monitor@": f"[Service]\nLoadCredential=tool:{SECRET}\n{first}"}
+    booted = Machine(tmp_path, {"cell-1": cell, "tool.secret": "gripper", "recording": ""}, drop_ins)
+    write_recording(
+        tmp_path / "etc/recording.toml", replace(recording, context=replace(loaded.context, recorded_at_unix_s=time.time() - 3600))
+    )
+    (tmp_path / "etc/recording.toml").chmod(0o644)
+    with booted as machine:
+        machine.run("systemctl", "start", UNIT, timeout=200)
+        assert "1 assessed" in machine.journal("-u", UNIT)
+        for address in ("8399/", "8399/report", "8398/metrics"):
+            program = f"import urllib.request as u; print(len(u.urlopen('http://127.0.0.1:{address}', timeout=100).read()))"
+            assert int(machine.run("/opt/joint-monitor/python/bin/python3", "-c", program, timeout=120.0).stdout) > 1000
+        machine.run("systemctl", "stop", UNIT)
+        assert machine.unit(UNIT, "Result")["Result"] == "success"

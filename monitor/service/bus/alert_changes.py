@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable
 from typing import Any
 
+from monitor.errors import BadInput
 from monitor.judge.alerts.condition import ServiceSituation
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.documents import alert_document
@@ -13,8 +14,11 @@ from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, OVER, service
 from monitor.judge.alerts.service_conditions import NOTHING_LEARNT, STALE, STORE_RESTORED
 from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest, ServicedRequest, UndoServicedRequest
+from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.timestamps import outside
+from monitor.service.apart import ComputingFailed
 from monitor.service.bus.publisher import Publisher
+from monitor.service.history.inspection import declare
 from monitor.service.history.work import Declared, declare_work, undo_work
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
@@ -54,10 +58,20 @@ class AlertChanges:
     def undo_serviced(self, request: UndoServicedRequest) -> dict[str, Any]:
         """Take the last declared work on a joint back; returns the answer to the command. Raises BadInput where that is not possible."""
         with self._state.revising:
-            declared = undo_work(self._store, self._state.estimator, request, self._now())
+            try:
+                declared = undo_work(self._store, self._state.estimator, request, self._now(), self._state.compute)
+            except ComputingFailed as error:
+                raise BadInput(f"serviced: nothing was changed, try again: {error}") from None
             self._take(declared)
         log.info("joint=%d service taken back by=%r why=%r", request.joint, request.by, request.why)
         return declared.answer
+
+    def inspected(self, request: InspectedRequest | UndoInspectedRequest) -> dict[str, Any]:
+        """Record a check, or take a record back; returns the answer to the command. Raises BadInput where the arm has no such check."""
+        answer = declare(self._store, self._state.configuration.inspection, request, self._now())
+        log.info("check=%r %s by=%r why=%r", request.item, answer["done"], request.by, request.why)
+        self._publisher.inspection()
+        return answer
 
     def _take(self, declared: Declared) -> None:
         """Take the state after work, and publish what it changed. The caller holds `revising`."""
@@ -84,7 +98,12 @@ class AlertChanges:
         self.restored = None
 
     def look(self, situation: ServiceSituation) -> None:
-        """Raise, update and clear the alerts that the monitor raises about itself. Raises StoreError."""
+        """Raise, update and clear the alerts that the monitor raises about itself. Raises StoreError.
+
+        Without effect while a verdict is computed: that may take minutes, and the main loop, which looks again soon, is not to be missed.
+        """
+        if self._state.revising.locked():
+            return
         self.raise_restored()
         with self._state.revising:
             known = {alert.key: alert for alert in self._state.alerts.alerts}

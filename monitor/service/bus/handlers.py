@@ -17,7 +17,8 @@ from monitor.publish.documents import (
     UndoServicedRequest,
     UnshelveRequest,
 )
-from monitor.publish.queries import MOST_EVENTS, events_after, history_question, request
+from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
+from monitor.publish.queries import MOST_EVENTS, events_question, history_question, request
 from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.service.bus.alert_changes import AlertChanges
@@ -48,6 +49,8 @@ class Handlers:
             "cmd/unshelve": self.unshelve,
             "cmd/serviced": self.serviced,
             "cmd/unserviced": self.undo_serviced,
+            "cmd/inspected": self.inspected,
+            "cmd/uninspected": self.undo_inspected,
             "cmd/replay": self.replay,
         }
         return {key: handler(key, about) for key, about in answers.items()}
@@ -60,8 +63,10 @@ class Handlers:
         return torque_answer(model, self._state.robot, self._state.temperature_c, payload)
 
     def history(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """One page of past estimates."""
+        """One page of past estimates, or of their changes."""
         question = history_question(parameters, self._state.robot.joints)
+        if question.changed_after is not None:
+            return self._changes(question.changed_after, question.limit)
         rows, following = self._store.assessments.history(
             joint=question.joint, from_unix_s=question.from_unix_s, to_unix_s=question.to_unix_s, after=question.after, limit=question.limit
         )
@@ -69,12 +74,31 @@ class Handlers:
             row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
         return {"rows": rows, "next": following}
 
+    def _changes(self, after: int, limit: int) -> dict[str, Any]:
+        """One page of changes; `limit` counts rows, about, as of any page."""
+        identity = self._store.changes.history_id()  # before the rows: a restoration in between would give them another one's name
+        page, following = self._store.changes.after(after, max(limit // self._state.robot.joints, 1))
+        rows: dict[int, list[dict[str, Any]]] = {}
+        for replay, joint, at, document in self._store.assessments.friction_of(sorted({replay for _, replay, _ in page})):
+            rows.setdefault(replay, []).append({**document, "replay": replay, "joint": joint, "recorded_at": rfc3339(at)})
+        changes = [{"seq": seq, "replay": replay, "at": rfc3339(at), "rows": rows.get(replay, [])} for seq, replay, at in page]
+        return {"rows": [], "next": following, "changes": changes, "history_id": identity}
+
     def events(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """The newest transitions after a number."""
-        after = events_after(parameters)
-        kept = self._store.events.range()
-        events = [event_document(event) for event in self._store.events.rows(after=after, limit=MOST_EVENTS)]
-        return {"events": events, "first_kept": kept[0] if kept else None, "last": kept[1] if kept else None}
+        """The newest transitions after a number, or a page of the oldest ones."""
+        after, limit = events_question(parameters)
+        kept, following = self._store.events.range(), None
+        if limit is None:
+            found = self._store.events.rows(after=after, limit=MOST_EVENTS)
+        else:
+            found, following = self._store.events.page(after, limit)
+        return {
+            "events": [event_document(event) for event in found],
+            "first_kept": kept[0] if kept else None,
+            "last": kept[1] if kept else None,
+            "next": following,
+            "history_id": self._store.changes.history_id(),
+        }
 
     def acknowledge(self, payload: Mapping[str, Any]) -> dict[str, Any]:
         """A person has seen an alert."""
@@ -120,6 +144,14 @@ class Handlers:
     def undo_serviced(self, payload: Mapping[str, Any]) -> dict[str, Any]:
         """A person takes the last declared work on a joint back."""
         return self._alerts.undo_serviced(request(UndoServicedRequest, payload))
+
+    def inspected(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person records a check."""
+        return self._alerts.inspected(request(InspectedRequest, payload))
+
+    def undo_inspected(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """A person takes the last record of a check back."""
+        return self._alerts.inspected(request(UndoInspectedRequest, payload))
 
     def replay(self, payload: Mapping[str, Any]) -> dict[str, Any]:
         """A person asks for a replay; conditions, guard and permit decide as for any other."""

@@ -1,6 +1,7 @@
 """The arm's present motion against the torque model, sample by sample: `torque/live`, revolutions, evidence of more friction."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -17,6 +18,7 @@ from monitor.service.shared_state import SharedState
 log = logging.getLogger(__name__)
 
 LONGEST_PAUSE_S = 0.5  # the link to the arm is checked so often, however seldom live torque is published
+EARLY = 0.25  # of a period: so much earlier than it is due a row may come and is published
 
 
 class ArmLink(Protocol):
@@ -29,6 +31,13 @@ class ArmLink(Protocol):
     @property
     def problem(self) -> str | None:
         """Why it does not; None where it does."""
+
+    @property
+    def rows(self) -> Sequence[Array]:
+        """The rows (WIDTH,) of the last `poll`."""
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until a state may have come, at most so long; False at once where nothing would tell."""
 
     def poll(self) -> Sequence[LiveState]:
         """The states received since the last call, oldest first."""
@@ -76,25 +85,51 @@ class LiveComparison:
             self._requests.evidence(now)
 
 
+class Worker(Protocol):
+    """What takes the rows of the arm's ordinary work."""
+
+    def take(self, rows: Sequence[Array]) -> None:
+        """The rows that have come since the last call."""
+
+
+class Counter(Protocol):
+    """What counts the arm's hours and stops."""
+
+    def take(self, states: Sequence[LiveState]) -> None:
+        """The states that have come since the last call."""
+
+
 class LiveFeed:
     """Hands the newest state of the arm's link to the comparison at its rate, and says on the bus whether the arm is received."""
 
-    def __init__(self, comparison: LiveComparison, bus: Bus, link: ArmLink) -> None:
-        self._comparison, self._bus, self._link = comparison, bus, link
+    def __init__(
+        self, comparison: LiveComparison, bus: Bus, link: ArmLink, work: Worker | None = None, duty: Counter | None = None
+    ) -> None:
+        """Work : None where nobody learns from ordinary work. duty : None where nobody counts hours and stops."""
+        self._comparison, self._bus, self._link, self._work, self._duty = comparison, bus, link, work, duty
         self._due = 0.0  # monotonic
 
-    @property
-    def pause_s(self) -> float:
-        """How long to wait between two steps."""
-        return min(0.5 / self._comparison.rate_hz, LONGEST_PAUSE_S)
+    def wait(self, stopping: threading.Event) -> bool:
+        """Wait until the next sample is due and a row has come; whether `stopping` is set. Each wait costs more than what it waits for."""
+        early_s = self._due - EARLY / self._comparison.rate_hz - time.monotonic()
+        if early_s > 0.0 and stopping.wait(min(early_s, LONGEST_PAUSE_S)):
+            return True
+        if early_s < LONGEST_PAUSE_S and not self._link.wait(LONGEST_PAUSE_S):
+            return stopping.wait(LONGEST_PAUSE_S)
+        return stopping.is_set()
 
     def step(self) -> None:
         """Compare the newest sample, unless none has come or the next one is not due."""
         period_s = 1.0 / self._comparison.rate_hz
         fresh = self._link.poll()
+        if self._work is not None:
+            self._work.take(self._link.rows)
+        if self._duty is not None:
+            self._duty.take(fresh)
         # a row may come a little early, and is not left out for it
-        if fresh and (now := time.monotonic()) >= self._due - 0.25 * period_s:
-            self._due = max(self._due + period_s, now)
+        if fresh and (now := time.monotonic()) >= self._due - EARLY * period_s:
+            following = self._due + period_s
+            self._due = following if following > now else now + period_s  # after a pause, and at first, the periods begin anew
             newest = fresh[-1]
             self._comparison.sample(newest.q, newest.qd, newest.target_qdd, newest.current, newest.temperature_c)
         self._bus.robot_alive(self._link.reachable)

@@ -7,12 +7,16 @@ from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.health import Alert
 from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
+from monitor.judge.drift.ripple_track import joint_ripple
 from monitor.publish.bus import Bus
 from monitor.publish.health_document import published_health
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
 from monitor.service.bus.production import Production
+from monitor.service.history.from_work import from_work_document
+from monitor.service.history.inspection import inspection_document
 from monitor.service.history.work import friction_known, row_document
+from monitor.service.needed import need_document, needed
 from monitor.service.shared_state import SharedState
 from monitor.store.events import AlertEvent
 from monitor.store.store import Store
@@ -39,6 +43,8 @@ class Publisher:
         for row in self._store.works.rows():  # of each joint the last one stays
             self.work(row_document(row))
         self.judgement()
+        self.from_work()
+        self.inspection()
 
     def info(self) -> None:
         """Publish who watches which arm, with what, and since when."""
@@ -53,12 +59,19 @@ class Publisher:
             "health",
             {
                 **published_health(self._state.alerts, now, self._state.configuration.assess.health),
+                "ripple": self._ripple(),
                 "production": [plain(each) for each in self._production.evidence()],
                 "next_replay_due_unix_s": self._state.next_due_unix_s,
                 "said_at_unix_s": now,
                 **({} if nothing_learnt is None else {"nothing_learnt": nothing_learnt}),
             },
         )
+
+    def _ripple(self) -> list[dict[str, Any]]:
+        """The gear ripple of each joint after the last replay; empty where none was seen."""
+        belief = self._state.estimator.belief
+        joints = None if belief is None else joint_ripple(belief.ripple)
+        return [{"joint": joint, **plain(ripple)} for joint, ripple in enumerate(joints or (), start=1)]
 
     def judgement(self) -> None:
         """Publish health, model and alerts as they are after the last assessment."""
@@ -79,6 +92,21 @@ class Publisher:
         if belief is not None and rows:
             known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
             self.say("friction", {key: value for key, value in known.items() if key != "replay"}, joint=joint)
+
+    def from_work(self) -> None:
+        """Publish what came from the arm's ordinary work, and how far the next replay is; nothing before the first day of work."""
+        estimator = self._state.estimator
+        settings = self._state.configuration.schedule
+        found = needed(settings, self._store, estimator.belief, self._state.health)
+        document = from_work_document(self._store, estimator, need_document(settings, found))
+        if document is not None:
+            self.say("from-work", document)
+
+    def inspection(self) -> None:
+        """Publish operating hours, stops and checks; nothing where [inspection] asks for none. Raises StoreError."""
+        document = inspection_document(self._state.configuration.inspection, self._store, self._now())
+        if document is not None:
+            self.say("inspection", document)
 
     def work(self, document: dict[str, Any]) -> None:
         """Publish the last work on one joint."""

@@ -6,24 +6,28 @@ The daemon and `import` both use these functions, and the recomputation repeats 
 import hashlib
 import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.assess import Rejected, assess
+from monitor.assess import AssessSettings, Rejected, assess
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, alert_from_document, health_from_document
-from monitor.judge.alerts.health import Alert, Health
-from monitor.judge.assessment import Assessment
+from monitor.judge.alerts.health import Alert, Health, Transition
+from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
+from monitor.judge.drift.work import Work
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
-from monitor.model.robot import Robot
-from monitor.recording import Recording
+from monitor.model.robot import Mounting, Robot
+from monitor.publish.live_torque import sample_var
+from monitor.recording import Array, Recording
+from monitor.service.apart import HERE, Compute
 from monitor.store.events import AlertEvent
 from monitor.store.provenance import provenance
-from monitor.store.recordings import read_recording
+from monitor.store.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -40,12 +44,37 @@ class EstimatorState:
     model: CompensatedModel | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """What follows from one recording, as it is stored and published; it travels between processes."""
+
+    recorded_at_unix_s: float
+    document: dict[str, Any]  # of the assessment
+    friction: tuple[JointFriction, ...]
+    temperature_c: Array | None  # (J,) of the joints during the replay
+    belief: Belief
+    health: Health
+    model: CompensatedModel
+    sample_var: Array | None  # (J,) what the recording says of the noise of samples, where the model does not
+    transitions: tuple[Transition, ...]
+    works: tuple[Work, ...]
+
+
+class Inputs(NamedTuple):
+    """What a verdict depends on, besides its recording."""
+
+    robot: Robot
+    mounting: Mounting
+    gains: Array | None
+    settings: AssessSettings
+    state: EstimatorState
+
+
 class HistoryEntry(NamedTuple):
     """The outcome of one recording, as it entered the history."""
 
-    outcome: Assessment | Rejected
+    outcome: Verdict | Rejected
     events: list[AlertEvent]
-    recording: Recording | None  # None where the file cannot be read
 
 
 def load_state(store: Store) -> EstimatorState:
@@ -79,25 +108,93 @@ def made_with(configuration: Configuration) -> dict[str, Any]:
 def robot_digest(robot: Robot) -> str:
     """16 hexadecimal digits that identify a robot's parameters: of those, all that an identification depends on."""
     parameters = {name: value for name, value in plain(robot).items() if name not in NOT_IDENTIFIED}
+    if robot.coupling is None:  # later than the digests of stored verdicts, and none of an arm whose motors turn one joint each
+        del parameters["coupling"], parameters["recorded_at_motors"]
     return hashlib.sha256(json.dumps(parameters, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def assess_recording(
-    store: Store, configuration: Configuration, state: EstimatorState, ledger_id: int, recording: Recording, now: Callable[[], float]
-) -> HistoryEntry:
-    """Assess a recording that the store holds, and commit the result; a rejection ends its window with the reason.
+def inputs_of(configuration: Configuration, state: EstimatorState) -> Inputs:
+    """What the next verdict depends on."""
+    return Inputs(configuration.robot_description, configuration.mounting, configuration.gains_nm_per_a, configuration.assess, state)
 
-    Raises StoreError where the history cannot be written.
+
+def assess_stored(
+    store: Store, configuration: Configuration, state: EstimatorState, ledger_id: int, now: Callable[[], float], compute: Compute = HERE
+) -> HistoryEntry:
+    """Assess a recording that waits on disk, and commit the result; a rejection ends its window with the reason.
+
+    One that cannot be read is rejected. Raises StoreError where the history cannot be written, ComputingFailed where the recording has
+    to wait.
     """
-    outcome = _outcome(recording, configuration, state, ledger_id)
+    outcome = compute(judged, store.recordings.path(ledger_id), inputs_of(configuration, state))
+    return enter(store, configuration, ledger_id, outcome, now)
+
+
+def keep_and_judge(path: Path, recording: Recording, inputs: Inputs) -> Generator[Verdict | Rejected | None, None, None]:
+    """Write a recording, and judge what was written: None once it is on disk, then its verdict.
+
+    What was written and not what was measured is judged, so that a recomputation sees the very same. Raises StoreError where the disk
+    refuses.
+    """
+    write_recording(path, recording)
+    yield None
+    yield judged(path, inputs)
+
+
+def judged(path: Path, inputs: Inputs) -> Verdict | Rejected:
+    """The verdict of a recording on disk."""
+    try:
+        recording = read_recording(path)
+        assessment = assessed(recording, inputs)
+        return assessment if isinstance(assessment, Rejected) else _verdict(assessment, recording, inputs)
+    except BadInput as error:
+        return Rejected(str(error))
+    except Exception as error:  # an error of this program in one recording must not end the service, now and at every start
+        log.exception("%s cannot be assessed", path.name)
+        return Rejected(f"internal: {type(error).__name__}: {error}")
+
+
+def assessed(recording: Recording, inputs: Inputs) -> Assessment | Rejected:
+    """The assessment of a recording. Raises BadInput where it does not fit the arm."""
+    return assess(
+        recording,
+        robot=inputs.robot,
+        mounting=inputs.mounting,
+        belief=inputs.state.belief,
+        health=inputs.state.health,
+        model=inputs.state.model,
+        gains=inputs.gains,
+        settings=inputs.settings,
+    )
+
+
+def _verdict(assessment: Assessment, recording: Recording, inputs: Inputs) -> Verdict:
+    return Verdict(
+        recorded_at_unix_s=assessment.recorded_at_unix_s,
+        document=assessment.as_document(),
+        friction=assessment.friction,
+        temperature_c=assessment.identification.temperature_c,
+        belief=assessment.belief,
+        health=assessment.health,
+        model=assessment.model,
+        sample_var=sample_var(assessment.model, inputs.robot, inputs.gains, recording),
+        transitions=assessment.transitions,
+        works=assessment.works,
+    )
+
+
+def enter(
+    store: Store, configuration: Configuration, ledger_id: int, outcome: Verdict | Rejected, now: Callable[[], float]
+) -> HistoryEntry:
+    """Commit a verdict with everything that follows from it, or the reason why there is none. Raises StoreError."""
     if isinstance(outcome, Rejected):
         store.ledger.end(ledger_id, "rejected", outcome.reason, now())
-        return HistoryEntry(outcome, [], recording)
+        return HistoryEntry(outcome, [])
     events = store.assessments.commit(
         ledger_id,
         at_unix_s=now(),
-        recorded_at_unix_s=recording.context.recorded_at_unix_s or now(),
-        assessment=outcome.as_document(),
+        recorded_at_unix_s=outcome.recorded_at_unix_s or now(),
+        assessment=outcome.document,
         friction=[plain(joint) for joint in outcome.friction],
         belief=outcome.belief.as_document(),
         health=outcome.health.as_document(),
@@ -106,19 +203,7 @@ def assess_recording(
         made_with=made_with(configuration),
         works=[plain(work) for work in outcome.works],
     )
-    return HistoryEntry(outcome, events, recording)
-
-
-def assess_stored(
-    store: Store, configuration: Configuration, state: EstimatorState, ledger_id: int, now: Callable[[], float]
-) -> HistoryEntry:
-    """Assess a recording that waits on disk, as `assess_recording`. One that cannot be read is rejected."""
-    try:
-        recording = read_recording(store.recordings.path(ledger_id))
-    except BadInput as error:
-        store.ledger.end(ledger_id, "rejected", str(error), now())
-        return HistoryEntry(Rejected(str(error)), [], None)
-    return assess_recording(store, configuration, state, ledger_id, recording, now)
+    return HistoryEntry(outcome, events)
 
 
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
@@ -133,25 +218,6 @@ def adopt_orphans(store: Store, at_unix_s: float) -> int:
         store.ledger.adopt(ledger_id, path.stat().st_mtime if recorded_at is None else recorded_at, at_unix_s)
         adopted += 1
     return adopted
-
-
-def _outcome(recording: Recording, configuration: Configuration, state: EstimatorState, ledger_id: int) -> Assessment | Rejected:
-    try:
-        return assess(
-            recording,
-            robot=configuration.robot_description,
-            mounting=configuration.mounting,
-            belief=state.belief,
-            health=state.health,
-            model=state.model,
-            gains=configuration.gains_nm_per_a,
-            settings=configuration.assess,
-        )
-    except BadInput as error:
-        return Rejected(str(error))
-    except Exception as error:  # an error of this program in one recording must not end the service, now and at every start
-        log.exception("replay=%d cannot be assessed", ledger_id)
-        return Rejected(f"internal: {type(error).__name__}: {error}")
 
 
 def state_after(before: EstimatorState, entered: HistoryEntry) -> EstimatorState:

@@ -9,16 +9,23 @@ from typing import Any
 from monitor import __version__
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
+from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.alerts.health import TIERS
+from monitor.judge.belief import belief_from_document
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
+from monitor.service.history.assess_and_store import EstimatorState
+from monitor.service.history.from_work import from_work_document
+from monitor.service.history.inspection import inspection_document, stop_document
 from monitor.service.history.work import row_document
+from monitor.service.needed import need_document, needed
 from monitor.store.events import AlertEvent
 from monitor.store.stops import Stop
 from monitor.store.store import Store
 
 GAP = 2.5  # times the usual interval between replays: a longer pause is a gap in the monitoring
 FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory_digest")
+STOPS_SHOWN = 40  # newest stops of the safety system in the period
 FAILED = ("skipped", "rejected", "aborted")
 LIMITS = (
     "Friction does not see everything: a flexspline or a bearing can break with little change of friction before it.",
@@ -55,6 +62,8 @@ def report(
             "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
             "alerts": _alerts(until, state.health if state else None, begin, end),
             "works": _works(store, begin, end),
+            **_from_work(configuration, store),
+            **_inspection(configuration, store, begin, end, now_unix_s),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
             "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.robot_description.joints),
@@ -189,6 +198,26 @@ def _graver(before: Mapping[str, Any] | None, alert: Mapping[str, Any]) -> dict[
     }
     known = (before or {}).get("gravest") or now
     return max(known, now, key=lambda one: (TIERS.index(one["tier"]), abs(one["change"])))
+
+
+def _from_work(configuration: Configuration, store: Store) -> dict[str, Any]:
+    """What came from ordinary work, and how far the next replay is; nothing where no day of work was judged."""
+    state = store.assessments.state()
+    if state is None or not store.ordinary_work.rows(limit=1):
+        return {}
+    known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
+    settings = configuration.schedule
+    found = needed(settings, store, known.belief, known.health)
+    return {"from_work": from_work_document(store, known, need_document(settings, found))}
+
+
+def _inspection(configuration: Configuration, store: Store, begin: float, end: float, now_unix_s: float) -> dict[str, Any]:
+    """Operating hours, stops of the period and checks; nothing where [inspection] asks for nothing."""
+    document = inspection_document(configuration.inspection, store, now_unix_s)
+    if document is None:
+        return {}
+    stops = store.duties.stops(from_unix_s=begin, to_unix_s=end)
+    return {"inspection": {**document, "last_stops": [stop_document(stop) for stop in stops[-STOPS_SHOWN:]], "stops_period": len(stops)}}
 
 
 def _works(store: Store, begin: float, end: float) -> list[dict[str, Any]]:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from monitor.acquire.schedule.needed import ALWAYS, Need
+from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.windows import expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
@@ -20,9 +22,12 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
 from monitor.service.due import DueReplay
-from monitor.service.history.assess_and_store import early_alerts
+from monitor.service.history.assess_and_store import EstimatorState, early_alerts
+from monitor.service.history.from_work import from_work_document
+from monitor.service.history.inspection import inspection_document
 from monitor.service.history.work import friction_known, row_document
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
+from monitor.service.needed import need_document, needed
 from monitor.store.assessments import StoredState
 from monitor.store.backup import present
 from monitor.store.borrows import Borrow
@@ -39,6 +44,8 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
 
     why_joint : 1…J adds the reasons why that joint does not alert. Raises StoreError without a history, BadInput for a joint the arm lacks.
     """
+    monitor = read_monitor_document(configuration.state_directory)
+    now_unix_s = present_unix_s(monitor, now_unix_s)
     with Store.reader(configuration.state_directory) as store:
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
@@ -49,8 +56,8 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries, borrows = store.ledger.tries(ledger), store.borrows.of(ledger)
         early = [] if state else early_alerts(store)
-    monitor = read_monitor_document(configuration.state_directory)
-    now_unix_s = present_unix_s(monitor, now_unix_s)
+        from_work = _from_work(store, state, configuration)
+        inspection = inspection_document(configuration.inspection, store, now_unix_s)
     document = {
         "said_at": rfc3339(now_unix_s),
         "robot": configuration.robot.id,
@@ -59,6 +66,8 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "early_alerts": [outside(alert_document(alert)) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
         "works": works,
+        **({} if from_work is None else {"from_work": outside(from_work)}),
+        **({} if inspection is None else {"inspection": outside(inspection)}),
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
         "not_watched": not_watched(monitor, now_unix_s),
@@ -79,7 +88,9 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
         tries = {} if store is None else store.ledger.tries(last)
         borrows = {} if store is None else store.borrows.of(last)
         due = None if store is None else DueReplay.kept(store)
-        windows = expected(settings, now_unix_s, count, None if store is None else store.ledger, configuration.key_prefix)
+        need = _need(store, settings)
+        from_unix_s = max(now_unix_s, need.from_unix_s - settings.grace_s)
+        windows = expected(settings, from_unix_s, count, None if store is None else store.ledger, configuration.key_prefix)
     zone = settings.zone()
     learning = settings.learning_every_h > 0 and settings.learning_days > 0
     return {
@@ -98,9 +109,26 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
             for window in windows
         ],
         "blackout": list(settings.blackout),
+        **({} if settings.replay == ALWAYS else {"needed": outside(need_document(settings, need))}),
         "due": None if due is None else outside({key: value for key, value in due.as_document().items() if key != "text"}),
         "last": [_window(row, tries[row.id], borrows.get(row.id)) for row in last],
     }
+
+
+def _from_work(store: Store, state: StoredState | None, configuration: Configuration) -> dict[str, Any] | None:
+    """What came from work; None where none was judged: then nothing of the state is read."""
+    if state is None or not store.ordinary_work.rows(limit=1):
+        return None
+    known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
+    settings = configuration.schedule
+    return from_work_document(store, known, need_document(settings, needed(settings, store, known.belief, known.health)))
+
+
+def _need(store: Store | None, settings: ScheduleSettings) -> Need:
+    """From when the next replay is needed. Where every window is used, nothing of the state is read."""
+    state = None if store is None or settings.replay == ALWAYS else store.assessments.state()
+    known = (None, None) if state is None else (belief_from_document(state.belief), health_from_document(state.health))
+    return needed(settings, None if settings.replay == ALWAYS else store, *known)
 
 
 def torque_from_history(configuration: Configuration, request: dict[str, Any]) -> dict[str, Any]:

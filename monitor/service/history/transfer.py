@@ -113,7 +113,7 @@ def _without_lists(frame: pd.DataFrame) -> pd.DataFrame:
 
 def export_recording(store: Store, replay: int, path: Path) -> Recording:
     """Write one recording as our Parquet, or as CSV with RTDE's names. Raises BadInput where there is no recording of the replay."""
-    source = store.recordings.path(replay)
+    source = store.archived.path(replay)
     if not source.is_file():
         raise BadInput(f"replay {replay}: there is no recording of it (aborted, skipped, or let go of by [store] recordings_days)")
     recording = read_recording(source)

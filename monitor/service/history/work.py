@@ -18,16 +18,17 @@ from monitor.judge.drift.work import PERSONAL, REPLACED, Work
 from monitor.judge.works import begin_works, with_new_joints
 from monitor.model.joint_names import joint_text
 from monitor.publish.documents import ServicedRequest, UndoServicedRequest
-from monitor.publish.timestamps import outside, rfc3339, unix_s
+from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
+from monitor.service.apart import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
+from monitor.service.history.declared_time import declared_time
 from monitor.service.history.recompute import repeated_since
 from monitor.store.events import AlertEvent
 from monitor.store.store import Store
 from monitor.store.works import WorkRow
 
 MOST_REPEATED = 60  # replays that are judged once more where work is taken back: two weeks of four a day, half a minute of computing
-CLOCK_S = 300.0  # [s] a person's clock may be ahead of ours by so much
 
 
 class Declared(NamedTuple):
@@ -66,7 +67,7 @@ def declare_work(
     return Declared(replace(state, belief=after, health=judged), tuple(each.alert for each in transitions), events, answer)
 
 
-def undo_work(store: Store, state: EstimatorState, request: UndoServicedRequest, now_unix_s: float) -> Declared:
+def undo_work(store: Store, state: EstimatorState, request: UndoServicedRequest, now_unix_s: float, compute: Compute = HERE) -> Declared:
     """Take the last declared work on a joint back: the state is as if it had not been declared.
 
     Replays since then are judged once more from their recordings. Raises BadInput where there is none, a later one stands before it, or a
@@ -80,7 +81,7 @@ def undo_work(store: Store, state: EstimatorState, request: UndoServicedRequest,
     if kept is None:
         raise BadInput(f"serviced: what was known before the work on {joint_text(request.joint)} is not kept: it cannot be taken back")
     start = EstimatorState(belief=belief_from_document(kept[0]), health=health_from_document(kept[1]), model=state.model)
-    returned, replays = repeated_since(store, start, row.declared_at_unix_s, MOST_REPEATED)
+    returned, replays = compute(repeated_since, store.directory, start, row.declared_at_unix_s, MOST_REPEATED)
     assert returned.belief is not None
     assert returned.health is not None
     health, changed = _alerts_after(state.health, returned.health, request.joint)
@@ -181,15 +182,10 @@ def _meaning(store: Store, work: Work, transitions: Sequence[Transition]) -> lis
 
 
 def _time_of_work(text: str, began_unix_s: float, now_unix_s: float) -> float:
-    try:
-        at = unix_s(text)
-    except ValueError:
-        raise BadInput(f"at {text!r}: not a date or time; expected e.g. 2026-01-31 or 2026-01-31T14:00:00Z") from None
-    if at > now_unix_s + CLOCK_S:
-        raise BadInput(f"at {text!r}: that is yet to come; declare work when it is done")
+    at = declared_time(text, now_unix_s, "declare work when it is done")
     if at < began_unix_s - DAY_S:
         raise BadInput(f"at {text!r}: the history begins on {rfc3339(began_unix_s)}; work before it is in its beginning already")
-    return min(at, now_unix_s)
+    return at
 
 
 def _known_joint(joint: int, joints: int) -> None:

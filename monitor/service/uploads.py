@@ -1,0 +1,169 @@
+"""Recordings go to the archive behind the local copy: one after the other, tried again for ever, never in the way of a replay. I/O."""
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+
+from monitor.config.schema import Configuration
+from monitor.errors import ArchiveRefused, ArchiveUnavailable, StoreError
+from monitor.publish.timestamps import rfc3339
+from monitor.recording import DAY_S
+from monitor.service.apart import HERE, Compute, ComputingFailed
+from monitor.service.problems import Problems
+from monitor.service.pruning import prune
+from monitor.store.archive import Archive, Copy
+from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archived import ArchivedRow, Waiting
+from monitor.store.archiving import bring, sizes
+from monitor.store.store import Store
+
+log = logging.getLogger(__name__)
+
+AT_A_TIME = 20  # recordings that one process brings
+IDLE_S = 10.0  # between two looks for a recording that waits
+FIRST_RETRY_S, LONGEST_RETRY_S = 5.0, 600.0  # doubled after each failure
+UNHEARD = 3  # failures in a row from which a server that does not answer is a problem: shorter, it is a restart or a cable
+SLOW_S = 300.0  # one recording takes seconds
+PROBLEM, SLOW = "archive", "archive_slow"
+
+
+class Stopping(Exception):
+    """The service stops: what is under way is given up, and comes again after the next start."""
+
+
+class Uploads:
+    """Call `step` again and again, or `run` in a thread of its own. All that it knows is in the history: it may be killed at any moment."""
+
+    def __init__(
+        self,
+        store: Store,
+        configuration: Callable[[], Configuration],
+        problems: Problems,
+        now: Callable[[], float],
+        monotonic: Callable[[], float] = time.monotonic,
+        compute: Compute = HERE,
+    ) -> None:
+        """`compute` speaks with the archive: in the daemon, a process of its own."""
+        self._store, self._configuration, self._problems, self._now, self._monotonic = store, configuration, problems, now, monotonic
+        self._compute = compute
+        self._settings: ArchiveSettings | None = None
+        self._failures = 0
+        self._left: dict[int, str | None] = {}  # windows that are not tried again until a restart, and what is wrong; None: no file
+        self._gone: list[ArchivedRow] = []  # neither here nor there any more
+        self._compared = -math.inf  # monotonic: when history and archive were compared
+        self._began: float | None = None  # monotonic: since when an upload is under way
+
+    def run(self, stopping: threading.Event) -> None:
+        """Until `stopping`."""
+        while not stopping.is_set():
+            try:
+                pause_s = self.step()
+            except Stopping:
+                return
+            except StoreError as error:  # the history, not the archive
+                self._problems.report("store", str(error))
+                pause_s = IDLE_S
+            except Exception:  # uploads must go on after an error of this program; the log names it
+                log.exception("an upload met a fault")
+                pause_s = LONGEST_RETRY_S
+            stopping.wait(pause_s)
+
+    def step(self) -> float:
+        """Bring the oldest recordings that wait, or compare history and archive. Returns how long to wait before the next step [s]."""
+        settings = self._in_force()
+        if settings is None:
+            return IDLE_S
+        listed = self._store.archived.waiting(len(self._left) + AT_A_TIME)
+        waiting = [each for each in listed if each.ledger_id not in self._left][:AT_A_TIME]
+        if not waiting and self._monotonic() - self._compared < DAY_S:
+            self._failures = 0
+            self._tell_left()
+            return IDLE_S
+        self._began = self._monotonic()
+        try:
+            if waiting:
+                self._bring(settings, waiting)
+            else:
+                self._compare(settings)
+        except (ArchiveRefused, ArchiveUnavailable, ComputingFailed) as error:
+            self._failures += 1
+            if isinstance(error, ArchiveRefused) or self._failures >= UNHEARD:
+                self._problems.report(PROBLEM, f"{error}; {self._consequence()}")
+            return float(min(FIRST_RETRY_S * 2 ** min(self._failures - 1, 20), LONGEST_RETRY_S))
+        finally:
+            self._began = None
+            self._problems.clear(SLOW)
+        self._failures = 0
+        self._tell_left()
+        return 0.0
+
+    def observe(self) -> None:
+        """Report an upload that does not come to an end. Call it from another thread."""
+        began = self._began
+        if began is not None and self._monotonic() - began > SLOW_S:
+            minutes = (self._monotonic() - began) / 60.0
+            self._problems.report(SLOW, f"one recording has been on its way to the archive for {minutes:.0f} min; {self._consequence()}")
+
+    def _in_force(self) -> ArchiveSettings | None:
+        """The settings in force, which the history notes; None where there is no archive."""
+        settings = self._configuration().archive
+        if settings != self._settings:
+            self._left, self._gone, self._compared, self._failures = {}, [], -math.inf, 0
+            if settings is None:
+                self._problems.clear(PROBLEM)
+            else:
+                self._store.archived.note_place(settings)
+            self._settings = self._store.archived.settings = settings
+        return settings
+
+    def _bring(self, settings: ArchiveSettings, waiting: list[Waiting]) -> None:
+        robot = self._configuration().robot
+        with closing(self._compute.steps(bring, settings, robot.site, robot.id, waiting)) as outcomes:
+            for number, outcome in outcomes:
+                self._began = self._monotonic()
+                self._failures = 0
+                if isinstance(outcome, Copy):
+                    self._store.archived.add(number, outcome, self._now())
+                    log.info("archived replay=%d bytes=%d%s", number, outcome.size, " (it was there)" if outcome.was_there else "")
+                else:
+                    self._left[number] = outcome
+
+    def _compare(self, settings: ArchiveSettings) -> None:
+        """Once a day: what the archive has lost is brought again from here, and only what it still has may go from here."""
+        root = Archive.open(settings).address("")
+        rows = [row for row in self._store.archived.rows() if row.address.startswith(root)]
+        arms = sorted({(site, robot) for site, robot in (_arm_of(row.address[len(root) :]) for row in rows)})
+        present = self._compute(sizes, settings, arms)
+        lost = [row for row in rows if present.get(row.address) != row.size]
+        self._gone = [row for row in lost if not self._store.recordings.path(row.ledger_id).is_file()]
+        for row in lost:
+            if row not in self._gone:
+                log.warning("replay=%d is not in the archive any more, and is brought again: %s", row.ledger_id, row.address)
+                self._store.archived.remove(row.ledger_id)
+        among = {row.ledger_id for row in rows} - {row.ledger_id for row in lost}
+        prune(self._store, self._configuration().store, self._problems, self._now(), among)
+        self._compared = self._monotonic()
+
+    def _tell_left(self) -> None:
+        """The problem of what the archive has lost, or holds otherwise; none where there is nothing of it."""
+        texts = [f"{row.address}: is not there any more, and not here: restore it from a copy" for row in self._gone]
+        texts += [f"replay {number}: {text}; the recording stays here" for number, text in self._left.items() if text is not None]
+        more = f"; and {len(texts) - 1} more" if len(texts) > 1 else ""
+        self._problems.update(PROBLEM, f"{texts[0]}{more}" if texts else None)
+
+    def _consequence(self) -> str:
+        try:
+            count, since = self._store.archived.waits()
+        except StoreError:
+            return "recordings wait"
+        oldest = "" if since is None else f", the oldest since {rfc3339(since)}"
+        return f"{count} recordings wait here{oldest}; replays go on"
+
+
+def _arm_of(key: str) -> tuple[str, str]:
+    """Site and robot of a recording below the archive's address."""
+    site, robot, *_ = (part.partition("=")[2] for part in key.split("/"))
+    return site, robot

@@ -1,0 +1,100 @@
+"""What the daemon computes of ordinary work in a process of its own: the frozen model of the arm, and the verdict of a day. Reads files.
+
+Both want what a daemon that only listens does not load (scipy, filterpy, pyarrow), and what is loaded once stays for ever.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from monitor.assess import AssessSettings
+from monitor.identify.identification import Identification
+from monitor.identify.identify import identify
+from monitor.identify.work.information import WorkInformation
+from monitor.identify.work.settings import WorkSettings
+from monitor.judge.alerts.health import Health
+from monitor.judge.belief import Belief
+from monitor.judge.drift.contexts import differences
+from monitor.judge.learn_work import WorkAssessment, assess_work
+from monitor.judge.work_observation import WorkObservation, context_of_work
+from monitor.judge.work_period import observation_of
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Array, Context
+from monitor.store.recordings import read_recording
+
+
+class ReplayInputs(NamedTuple):
+    """What the model of a kept replay depends on, besides its recording."""
+
+    robot: Robot
+    mounting: Mounting
+    gains: Array | None
+    settings: AssessSettings
+    declared: Context  # what the configuration says now of payload, tool and mounting
+
+
+class ReplayModel(NamedTuple):
+    """What a kept replay says of the arm."""
+
+    identification: Identification
+    payload_kg: float | None
+
+
+class DayInputs(NamedTuple):
+    """What the verdict of a day of work depends on, besides the sums."""
+
+    identification: Identification
+    name: str  # of the replay that gave it
+    context: Context  # of the arm that works
+    work: WorkSettings
+    settings: AssessSettings
+    belief: Belief
+    health: Health
+
+
+def declared_now(known: Context, declared: Context) -> Context:
+    """A context with what is declared now of payload, tool and mounting."""
+    return replace(known, payload_kg=declared.payload_kg, tool=declared.tool, mounting_rad=declared.mounting_rad)
+
+
+def replay_model(path: Path, inputs: ReplayInputs) -> ReplayModel | None:
+    """The identification of a kept replay; None where its payload, tool or mounting are not the declared ones.
+
+    Raises BadInput and Unidentifiable where it gives none.
+    """
+    recording = read_recording(path)
+    now = declared_now(recording.context, inputs.declared)
+    if differences(context_of_work(now), context_of_work(recording.context)):
+        return None
+    found = identify(
+        [recording],
+        inputs.robot,
+        inputs.mounting,
+        method=inputs.settings.method,
+        gains=inputs.gains,
+        settings=inputs.settings.identify,
+        residual_friction=True,
+    )
+    return ReplayModel(found, recording.context.payload_kg)
+
+
+def work_verdict(information: WorkInformation, last_day: int, inputs: DayInputs) -> tuple[WorkObservation, WorkAssessment] | None:
+    """What the work until the end of a UTC day tells, and what follows; None where nothing was listened to.
+
+    Raises BadInput where these days were judged already.
+    """
+    belief, drift = inputs.belief, inputs.settings.drift
+    before = None if belief.ordinary_work is None else belief.ordinary_work.learnt_at_unix_s
+    found = observation_of(information, inputs.identification, inputs.work, learnt_at_unix_s=before, last_day=last_day, arm=inputs.name)
+    if found is None:
+        return None
+    verdict = assess_work(
+        found,
+        inputs.context,
+        belief=belief,
+        health=inputs.health,
+        settings=drift,
+        laws=inputs.settings.temperature,
+        limits=inputs.settings.health,
+    )
+    return found, verdict
