@@ -1,0 +1,231 @@
+"""What is written into the plant's database: copied pages with their cursor in one transaction, last values, silence, the audit. I/O."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from monitor.plant.database import Database
+from monitor.plant.merge import Cursor, Entry
+from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, arm, audit, friction, history, last_value, note, transition
+from monitor.publish.documents import Event, HistoryChange, HistoryRow
+
+EVENTS, CHANGES = "event", "change"  # the two logs of an arm, as their cursors are called
+MOST_AN_HOUR, HOUR_S = 5, 3600.0  # histories of one arm: somebody who restores a backup may need several attempts
+RUNNING = "running"  # name of the note that the plant runs
+
+
+class CursorMoved(Exception):
+    """Somebody else has copied this log in the meantime, or the database was emptied: ask anew."""
+
+
+class HistoriesWithoutEnd(Exception):
+    """An arm says another history time and again: copying each would fill the database and the audit."""
+
+
+class Known(NamedTuple):
+    """How far an arm's present history is copied."""
+
+    arm: int
+    number: int
+    history_id: str | None
+    event: Cursor
+    change: Cursor
+    newest_replay: int
+
+
+class Gap(NamedTuple):
+    """Entries that are missing between those of a page, for the audit."""
+
+    at_unix_s: float
+    robot: str
+    text: str
+
+
+def known(database: Database, site: str, robot: str, now_unix_s: float) -> Known:
+    """How far an arm is copied; an arm that was never seen is entered. Raises StoreError."""
+    with database.read() as connection:
+        row = _row(connection, site, robot)
+    if row is None:
+        enter(database, [(site, robot)], now_unix_s)
+        with database.read() as connection:
+            row = _row(connection, site, robot)
+    assert row is not None
+    return row
+
+
+def _row(connection: sa.Connection, site: str, robot: str) -> Known | None:
+    found = connection.execute(
+        sa.select(
+            arm.c.id,
+            history.c.number,
+            history.c.history_id,
+            history.c.event_cursor,
+            history.c.event_mark,
+            history.c.change_cursor,
+            history.c.change_mark,
+            history.c.newest_replay,
+        )
+        .join(history, (history.c.arm == arm.c.id) & (history.c.number == arm.c.history))
+        .where(arm.c.site == site, arm.c.robot == robot)
+    ).one_or_none()
+    if found is None:
+        return None
+    number, at, identity, event, event_mark, change, change_mark, newest = found
+    return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest)
+
+
+def _begin_history(connection: sa.Connection, number: int, at: int, history_id: str | None, why: str | None, now_unix_s: float) -> None:
+    connection.execute(
+        sa.insert(history).values(
+            **{"arm": number, "number": at, "history_id": history_id, "began_at": now_unix_s, "why": why, "newest_replay": 0},
+            **{"event_cursor": 0, "event_mark": "", "change_cursor": 0, "change_mark": ""},
+        )
+    )
+
+
+def begin_another_history(database: Database, before: Known, name: str, history_id: str | None, why: str, now_unix_s: float) -> None:
+    """From now on another history of this arm is copied, from its beginning; what was copied before stays. It is audited.
+
+    Raises CursorMoved where that is done already, HistoriesWithoutEnd where too many began within the last hour.
+    """
+    with database.write() as connection:
+        hour = history.c.began_at.between(now_unix_s - HOUR_S, now_unix_s + HOUR_S)  # a clock that went back a year forbids none for a year
+        lately = sa.select(sa.func.count()).where(history.c.arm == before.arm, hour)
+        if connection.execute(lately).scalar_one() >= MOST_AN_HOUR:
+            raise HistoriesWithoutEnd
+        changed = connection.execute(
+            sa.update(arm).where(arm.c.id == before.arm, arm.c.history == before.number).values(history=before.number + 1)
+        ).rowcount
+        if changed != 1:
+            raise CursorMoved
+        _begin_history(connection, before.arm, before.number + 1, history_id, why, now_unix_s)
+        text = (
+            f"{why}; its history is copied anew as number {before.number + 1}, and what was copied before is kept as number {before.number}"
+        )
+        add_audit(connection, now_unix_s, "plant", "another history", name, text)
+
+
+def add_audit(connection: sa.Connection, now_unix_s: float, who: str, act: str, robot: str | None, text: str) -> None:
+    """One line of the audit, in the transaction of what it is about. Texts come from outside, and PostgreSQL stores no NUL."""
+    who, text = who.replace("\0", ""), text.replace("\0", "")
+    connection.execute(sa.insert(audit).values(at=now_unix_s, who=who, act=act, robot=robot, text=text))
+
+
+def add_transitions(
+    database: Database, at: Known, new: Sequence[Entry[Event]], cursor: Cursor, history_id: str | None, gap: Gap | None = None
+) -> None:
+    """Transitions, the cursor after them, and what is missing between them, in one transaction. Raises CursorMoved, StoreError."""
+    rows: list[dict[str, Any]] = [
+        {
+            **{"arm": at.arm, "history": at.number, "seq": event.seq, "at": event.at.timestamp(), "joint": event.joint},
+            **{"condition": event.condition, "tier": event.tier, "kind": event.kind, "by": event.by},
+            "document": event.model_dump(mode="json"),
+        }
+        for event in (entry.content for entry in new)
+    ]
+    database.make_partitions("transition", (row["at"] for row in rows))
+    with database.write() as connection:
+        _move(connection, at, EVENTS, at.event, cursor, history_id)
+        _audit_gap(connection, gap)
+        if rows:
+            connection.execute(sa.insert(transition), rows)
+
+
+def add_changes(
+    database: Database, at: Known, new: Sequence[Entry[HistoryChange]], cursor: Cursor, history_id: str | None, gap: Gap | None = None
+) -> None:
+    """The rows of changed replays, the cursor after them, and what is missing between them, in one transaction.
+
+    Raises CursorMoved, StoreError.
+    """
+    last = {entry.content.replay: entry.content for entry in new}  # a replay's rows stand in each of its changes: the last one has them
+    rows = [_friction_row(at, row) for change in last.values() for row in change.rows]
+    again = [replay for replay in last if replay <= at.newest_replay]
+    database.make_partitions("friction", (row["recorded_at"] for row in rows))
+    with database.write() as connection:
+        _move(connection, at, CHANGES, at.change, cursor, history_id, newest_replay=max([at.newest_replay, *last]))
+        _audit_gap(connection, gap)
+        if again:
+            of_arm = (friction.c.arm == at.arm) & (friction.c.history == at.number)
+            connection.execute(sa.delete(friction).where(of_arm, friction.c.replay.in_(again)))
+        if rows:
+            connection.execute(sa.insert(friction), rows)
+
+
+def _audit_gap(connection: sa.Connection, gap: Gap | None) -> None:
+    if gap is not None:
+        add_audit(connection, gap.at_unix_s, "plant", "gap", gap.robot, gap.text)
+
+
+def _move(connection: sa.Connection, at: Known, log: str, before: Cursor, after: Cursor, history_id: str | None, **more: Any) -> None:
+    """Move a cursor, if it is where the question was asked from: two plants, or two threads, never write a page twice."""
+    moved = connection.execute(
+        sa.update(history)
+        .where(history.c.arm == at.arm, history.c.number == at.number, history.c[f"{log}_cursor"] == before.seq)
+        .values({f"{log}_cursor": after.seq, f"{log}_mark": after.mark, "history_id": history_id or at.history_id, **more})
+    ).rowcount
+    if moved != 1:
+        raise CursorMoved
+
+
+def _friction_row(at: Known, row: HistoryRow) -> dict[str, Any]:
+    values = {"arm": at.arm, "history": at.number, "joint": row.joint, "recorded_at": row.recorded_at.timestamp(), "replay": row.replay}
+    figures = {name: getattr(row, name) for name in FIGURES}
+    return values | figures | {name: getattr(row.remaining_life, name) for name in LIFE_FIGURES}
+
+
+def keep_last_values(database: Database, values: Mapping[tuple[int, str], tuple[float, Any]]) -> None:
+    """Last values by (arm, key): when it was heard, and the document."""
+    if not values:
+        return
+    rows = [{"arm": number, "key": key, "heard_at": at, "document": document} for (number, key), (at, document) in values.items()]
+    insert = (postgresql.insert if database.postgresql else sqlite.insert)(last_value)
+    replaced = {name: insert.excluded[name] for name in ("heard_at", "document")}
+    with database.write() as connection:
+        connection.execute(insert.on_conflict_do_update(index_elements=["arm", "key"], set_=replaced), rows)
+
+
+def enter(database: Database, names: Sequence[tuple[str, str]], now_unix_s: float) -> dict[tuple[str, str], int]:
+    """The numbers of arms in the database; those that were never seen are entered. Raises StoreError.
+
+    Others may enter the same arms at the same time, as threads that copy do once the database is back: each is entered once.
+    """
+    insert = (postgresql.insert if database.postgresql else sqlite.insert)(arm).on_conflict_do_nothing(index_elements=["site", "robot"])
+    with database.write() as connection:
+        numbers = {(site, robot): number for number, site, robot in connection.execute(sa.select(arm.c.id, arm.c.site, arm.c.robot))}
+        for site, robot in sorted(set(names) - set(numbers)):  # in one order: two never wait for each other
+            values = {"site": site, "robot": robot, "first_seen": now_unix_s, "history": 1}
+            number = connection.execute(insert.values(values).returning(arm.c.id)).scalar_one_or_none()
+            if number is None:
+                number = connection.execute(sa.select(arm.c.id).where(arm.c.site == site, arm.c.robot == robot)).scalar_one()
+            else:
+                _begin_history(connection, number, 1, None, None, now_unix_s)
+            numbers[site, robot] = number
+    return {(site, robot): numbers[site, robot] for site, robot in names}
+
+
+def set_arms(database: Database, changed: Sequence[Mapping[str, Any]]) -> None:
+    """Silence and problems of arms: `number`, `since` and `why` of the silence, `problem`. A silence that goes on keeps its beginning."""
+    if not changed:
+        return
+    with database.write() as connection:
+        since = sa.case(
+            (sa.bindparam("why", type_=sa.Text).is_(None), sa.null()),
+            else_=sa.func.coalesce(arm.c.silent_since, sa.bindparam("since", type_=At())),
+        )
+        statement = sa.update(arm).where(arm.c.id == sa.bindparam("number"))
+        statement = statement.values(silent_since=since, silent_why=sa.bindparam("why", type_=sa.Text), problem=sa.bindparam("problem"))
+        connection.execute(statement, list(changed))
+
+
+def set_note(database: Database, key: str, now_unix_s: float, document: Any) -> Any:
+    """A fact about the plant itself; it replaces an earlier one of this name, and that one is returned; None where there was none."""
+    insert = (postgresql.insert if database.postgresql else sqlite.insert)(note).values(key=key, at=now_unix_s, document=document)
+    with database.write() as connection:
+        before = connection.execute(sa.select(note.c.document).where(note.c.key == key)).scalar_one_or_none()
+        connection.execute(
+            insert.on_conflict_do_update(index_elements=["key"], set_={"at": insert.excluded.at, "document": insert.excluded.document})
+        )
+    return before

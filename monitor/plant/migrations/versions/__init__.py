@@ -1,0 +1,1 @@
+"""One module a step; a published step stays as it is."""

@@ -1,0 +1,161 @@
+"""Copying one arm's history: pages by cursor from the arm, into the database. I/O."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+import orjson
+from pydantic import ValidationError
+
+from monitor.errors import BadInput, BusError
+from monitor.plant.database import Database, DataRefused
+from monitor.plant.ingest import (
+    CHANGES,
+    EVENTS,
+    CursorMoved,
+    Gap,
+    HistoriesWithoutEnd,
+    Known,
+    add_changes,
+    add_transitions,
+    begin_another_history,
+    known,
+)
+from monitor.plant.merge import AnotherLog, Disordered, Entry, step
+from monitor.publish.documents import Event, Events, History, HistoryChange
+
+log = logging.getLogger(__name__)
+
+PAGE = 2000  # rows or transitions: 3 MB of JSON at most
+FEW_GAPS = 3  # that a sentence names
+TRIES = 5  # where another one copies the same log, or an arm's history is replaced while it is copied
+
+
+class CannotCopy(Exception):
+    """An arm's history cannot be copied now, and why, in a sentence."""
+
+
+class Way(Protocol):
+    """A way to the arms."""
+
+    def ask(self, key: str) -> bytes:
+        """The one answer to a query. Raises BusError where nobody answers, BadInput with the text of a refusal."""
+        ...
+
+
+def pull(database: Database, way: Way, prefix: str, site: str, robot: str, now: Callable[[], float]) -> Known:
+    """Copy everything that is new of an arm's two logs. Returns how far it is copied then.
+
+    Raises CannotCopy with the reason that lies with the arm, StoreError with one that lies with the database.
+    """
+    for _ in range(TRIES):
+        at = known(database, site, robot, now())
+        try:
+            if not all(_log(database, way, prefix, at, name, f"{site}/{robot}", now) for name in (EVENTS, CHANGES)):
+                continue  # of another history: everything of it is asked for
+            return known(database, site, robot, now())
+        except CursorMoved:
+            continue
+        except DataRefused as refused:
+            raise CannotCopy(f"its history cannot be stored: {refused}") from None
+    raise CannotCopy("its history changes while it is copied; tried again")
+
+
+def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot: str, now: Callable[[], float]) -> bool:
+    """Copy one log to its end; False where another history had to be begun."""
+    following: int | None = 0
+    while following is not None:
+        cursor = at.event if name == EVENTS else at.change
+        identity, entries, following = _page(way, prefix, name, cursor.asks_after)
+        found = step(cursor, at.history_id, identity, entries)
+        if isinstance(found, Disordered):
+            raise CannotCopy(found.why)
+        if isinstance(found, AnotherLog):
+            try:
+                begin_another_history(database, at, robot, identity, found.why, now())
+            except HistoriesWithoutEnd:
+                raise CannotCopy(f"{found.why}, time and again within the hour; copied again when it keeps one history") from None
+            log.warning("%s: %s; its history is copied anew", robot, found.why)
+            return False
+        if following is not None and not found.new:  # it would be asked the same for ever
+            raise CannotCopy("its answer says that more follows, and nothing does")
+        gap = Gap(now(), robot, _gap(name, found.missing)) if found.missing else None
+        if name == EVENTS and (found.new or identity != at.history_id):
+            add_transitions(database, at, found.new, found.cursor, identity, gap)
+        elif name == CHANGES and (found.new or identity != at.history_id):
+            add_changes(database, at, found.new, found.cursor, identity, gap)
+        if gap is not None:
+            log.warning("%s: %s", robot, gap.text)
+        newest = max([at.newest_replay, *(entry.content.replay for entry in found.new)]) if name == CHANGES else at.newest_replay
+        at = at._replace(history_id=identity or at.history_id, newest_replay=newest)
+        at = at._replace(event=found.cursor) if name == EVENTS else at._replace(change=found.cursor)
+    return True
+
+
+def _gap(name: str, missing: Sequence[tuple[int, int]]) -> str:
+    """What its log lacks, in a sentence. A history that goes on after damage numbers on with a jump; anything else was taken away."""
+    few = ", ".join(str(first) if first == last else f"{first} to {last}" for first, last in missing[:FEW_GAPS])
+    more = f" and {len(missing) - FEW_GAPS} more gaps" if len(missing) > FEW_GAPS else ""
+    what = "transitions" if name == EVENTS else "changes"
+    return f"its own history lacks the {what} {few}{more}; those after them are copied"
+
+
+def read_document(payload: bytes) -> Any:
+    """A JSON document without the character NUL, which PostgreSQL does not store. Raises ValueError."""
+    document = orjson.loads(payload)
+    return _without_nul(document) if b"\\u0000" in payload else document
+
+
+def _without_nul(value: Any) -> Any:
+    if isinstance(value, str):
+        return value.replace("\0", "")
+    if isinstance(value, list):
+        return [_without_nul(each) for each in value]
+    return {_without_nul(key): _without_nul(each) for key, each in value.items()} if isinstance(value, dict) else value
+
+
+def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Sequence[Entry[Any]], int | None]:
+    """One page of a log: the identity of the history, entries, and whether more follow (as a number)."""
+    parameter = "after" if name == EVENTS else "changed_after"
+    key = f"{prefix}/{'event' if name == EVENTS else 'history'}?{parameter}={after};limit={PAGE}"
+    try:
+        document = read_document(way.ask(key))
+        if name == EVENTS:
+            events = Events.model_validate(document)
+            _representable(event.at for event in events.events)
+            return events.history_id, [Entry(event.seq, _event_mark(event), event) for event in events.events], events.next
+        history = History.model_validate(document)
+        _representable(row.recorded_at for each in history.changes for row in each.rows)
+        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next
+    except BadInput as refused:
+        if "unknown parameter" in str(refused):
+            raise CannotCopy("its joint-monitor is too old to be copied: it knows no cursor; upgrade it to this version") from None
+        raise CannotCopy(f"it refuses: {refused}") from None
+    except BusError as error:
+        raise CannotCopy(str(error)) from None
+    except (ValueError, OverflowError) as wrong:
+        raise CannotCopy(f"its answer on {'event' if name == EVENTS else 'history'} cannot be read: {_first(wrong)}") from None
+
+
+def _representable(times: Iterable[datetime]) -> None:
+    """Raises ValueError or OverflowError where a time has no date in UTC: a zone or a rounding leads out of the years 1 to 9999."""
+    for at in times:
+        datetime.fromtimestamp(at.timestamp(), UTC)
+
+
+def _first(wrong: Exception) -> str:
+    """The first mistake, with its place in the document."""
+    if not isinstance(wrong, ValidationError):
+        return str(wrong).splitlines()[0]
+    mistake = wrong.errors(include_url=False, include_input=False, include_context=False)[0]
+    return f"{'.'.join(map(str, mistake['loc']))}: {mistake['msg']}" if mistake["loc"] else mistake["msg"]
+
+
+def _event_mark(event: Event) -> str:
+    """What tells a transition from another one with its number, in every version of the document."""
+    return f"{event.at.timestamp():.0f} {event.joint} {event.condition} {event.kind}"
+
+
+def _change_mark(change: HistoryChange) -> str:
+    return f"{change.at.timestamp():.0f} {change.replay}"

@@ -1,0 +1,194 @@
+"""The plant as a service: it runs until SIGTERM; a database or a router that is away is waited for. I/O."""
+
+import logging
+import os
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+from monitor import __version__
+from monitor.errors import StoreError, StoreUnavailable
+from monitor.plant.copying import Copying
+from monitor.plant.database import PATIENCE_S, Database
+from monitor.plant.follow import Following
+from monitor.plant.ingest import RUNNING, set_note
+from monitor.plant.links import ArmName, Inbox, Link
+from monitor.plant.settings import PlantConfiguration
+from monitor.publish.session import BusSettings, log_refusals, session_config
+from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
+
+if TYPE_CHECKING:
+    from monitor.plant.screen.server import ScreenServer
+    from monitor.publish.metrics import MetricsServer
+
+log = logging.getLogger(__name__)
+
+TICK_S = 0.5
+HEARTBEAT_S = 10.0  # between two notes that the plant runs
+LONGEST_PAUSE_S = 60.0  # between two attempts to reach the database
+
+
+class Plant:
+    """One running plant. A context manager; `step` is called until it ends."""
+
+    def __init__(self, configuration: PlantConfiguration) -> None:
+        """Raises BadConfiguration, BadInput where database or Zenoh configuration are none, BusError where its address is taken."""
+        settings = configuration.plant
+        self.inbox = Inbox()
+        self.links: dict[str, Link] = {}
+        self.screen: ScreenServer | None = None
+        with ExitStack() as opening:  # what is open is closed where the next one cannot be opened
+            self.database = Database(configuration.database, patience_s=PATIENCE_S)
+            opening.callback(self.database.close)
+            for endpoint in settings.connect:
+                self.links[endpoint] = link = Link(endpoint, self.inbox, configuration.zenoh_file)
+                opening.callback(link.close)
+            copying = opening.enter_context(Copying(self.database, self.links, settings.workers, time.time))
+            self.following = Following(self.database, self.inbox, self.links, copying, settings.silent_s, time.time)
+            if configuration.screen.listen:
+                self.screen = opening.enter_context(_screen(configuration, self.database, self._ways))
+            if configuration.metrics.listen:
+                opening.enter_context(_metrics(configuration, self.database))
+            self._stack = opening.pop_all()
+        self.trouble: str | None = "the database is not open yet"
+        self._pause_s, self._next_try, self._heartbeat_at = 0.0, 0.0, 0.0
+        self._noted = False  # whether this plant has said in the database that it runs
+        self.another: str | None = None  # the host of another plant that writes there
+        self._began_unix_s = time.time()
+
+    def __enter__(self) -> "Plant":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def step(self) -> None:
+        """Take what has come, and write it. Raises StoreError where waiting for the database would change nothing."""
+        trouble = self.following.receive()
+        try:
+            if trouble is not None and self.trouble is None:
+                raise trouble
+            if self.trouble is not None:
+                if time.monotonic() < self._next_try:
+                    return
+                self._open()
+            self.following.write()
+            if time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
+                self._heartbeat()
+        except StoreUnavailable as error:
+            self._away(str(error))
+
+    def _ways(self, name: ArmName) -> list[Link]:
+        """The routers that answer and behind which an arm is; for the screen's threads."""
+        arm = self.following.arms.get(name)
+        return [] if arm is None else [self.links[each] for each in tuple(arm.ways) if self.links[each].up]
+
+    def status(self) -> str:
+        """The line that `systemctl status` shows."""
+        counts = self.following.counts()
+        lost = [endpoint for endpoint, link in self.links.items() if not link.up]
+        parts = [f"WAITING FOR THE DATABASE, nothing is stored: {self.trouble}"] if self.trouble else []
+        parts += [f"ANOTHER PLANT, of {self.another}, writes into this database"] if self.another else []
+        parts += [f"{counts.arms} arms, {counts.sick} sick, {counts.silent} silent"]
+        parts += [f"{counts.copying} being copied"] if counts.copying else []
+        parts += [f"{counts.problems} cannot be copied"] if counts.problems else []
+        parts += [f"no answer from {', '.join(lost)}"] if lost else []
+        return "; ".join([*parts, self.database.name])[:500]
+
+    def _open(self) -> None:
+        self.database.forget()
+        self.database.migrate()
+        self.following.look_again()
+        if self._pause_s:
+            log.info("the database answers again: %s", self.database.name)
+        self.trouble, self._pause_s = None, 0.0
+
+    def _away(self, why: str) -> None:
+        if self.trouble != why:
+            log.error("trouble=database: %s; waiting for it", why, extra={"trouble": "database"})
+        self.trouble = why
+        self._pause_s = min(max(2.0 * self._pause_s, 1.0), LONGEST_PAUSE_S)
+        self._next_try = time.monotonic() + self._pause_s
+
+    def _heartbeat(self) -> None:
+        self._heartbeat_at = time.monotonic()
+        if self.screen is not None:
+            self.screen.screen.rest()
+        document = {
+            "version": __version__,
+            "host": socket.gethostname(),
+            "pid": os.getpid(),
+            "started_at_unix_s": self._began_unix_s,
+            "ways": {endpoint: link.up for endpoint, link in self.links.items()},
+            "copying": self.following.counts().copying,
+        }
+        self.database.make_partitions_ahead(time.time())
+        before = set_note(self.database, RUNNING, time.time(), document)
+        self._see_another(before if isinstance(before, dict) else {}, document)
+        self.following.look_again()
+
+    def _see_another(self, before: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+        """Tell where another plant writes into this database: whoever wrote the note before this one of ours, after our first one."""
+        other = self._noted and any(before.get(key) != own[key] for key in ("host", "pid", "started_at_unix_s"))
+        self._noted = True
+        if other and self.another is None:
+            log.error(
+                "trouble=another: the plant of %s (process %s) writes into this database as well; what the two see of the arms takes turns "
+                "unless they have the same routers: end one of them",
+                before.get("host"), before.get("pid"), extra={"trouble": "another"},
+            )  # fmt: skip
+        self.another = str(before.get("host")) if other else None
+
+
+def _screen(configuration: PlantConfiguration, database: Database, ways: Callable[[ArmName], list[Link]]) -> "ScreenServer":
+    """The screen, which a plant without one does not import: it takes a third of a second."""
+    from monitor.plant.screen.server import ScreenServer
+
+    return ScreenServer(configuration.screen, configuration.folder, database, ways)
+
+
+def _metrics(configuration: PlantConfiguration, database: Database) -> "MetricsServer":
+    """The figures for Prometheus, with a client of it that a plant without them does not load."""
+    from monitor.plant.metrics import plant_families
+    from monitor.publish.metrics import MetricsServer
+
+    return MetricsServer(configuration.metrics, lambda: plant_families(database))
+
+
+def check_files(configuration: PlantConfiguration) -> None:
+    """Read the files that the configuration names. Raises BadInput where one cannot be read, or is not what it should be."""
+    session_config(mode="client", connect=configuration.plant.connect, zenoh_file=configuration.zenoh_file)
+    if (users := configuration.screen.users_path(configuration.folder)) is not None:
+        from monitor.plant.screen.users_file import read_users_file
+
+        read_users_file(users)
+
+
+def serve(configuration: PlantConfiguration) -> None:
+    """Run until SIGTERM or SIGINT. Raises BadInput where a file that the configuration names is wrong, StoreError."""
+    check_files(configuration)
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    log_refusals(BusSettings(zenoh=configuration.zenoh_file))
+    watchdog = Watchdog(Heartbeats())
+    with Plant(configuration) as plant:
+        line = StatusLine()
+        while not stopping.wait(TICK_S):
+            plant.step()
+            watchdog.check()
+            status = plant.status()
+            if line.say(status):
+                log.info("running: %s", status)
+        log.info("stopping")
+        notify("STOPPING=1")
+        try:
+            plant.following.receive()
+            if plant.trouble is None:
+                plant.following.write()
+        except StoreError as error:
+            log.warning("what was heard last is not stored; the arms say it again: %s", error)
