@@ -1,0 +1,76 @@
+"""What a channel of the gateway is: one way to tell others what the plant knows. A further one is an entry of `channels.CHANNELS`."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, NamedTuple, Protocol
+
+from monitor.errors import BadConfiguration
+from monitor.gateway.acts import Acts
+from monitor.gateway.outbox import Outbox
+from monitor.gateway.values import ArmState, Delivery, Transition
+from monitor.plant.links import ArmName
+from monitor.plant.settings import PlantConfiguration
+
+
+class Channel(Protocol):
+    """One way to tell. The gateway's thread calls `offer`; a thread of this channel's own calls `step`, so that none holds up another."""
+
+    @property
+    def name(self) -> str:
+        """In lower case; names its deliveries, its thread, its line of the status."""
+
+    def offer(self, transition: Transition) -> Sequence[Delivery]:
+        """What is owed because of this transition; it is committed as the transition is taken. No I/O, quick, repeatable."""
+
+    def step(self, now_unix_s: float) -> float:
+        """Do what is due. Returns the seconds [s] after which it wants to be called again; at most two minutes may pass within.
+
+        Raises MonitorError where something is away: the text is shown as the channel's trouble, and the next call comes later and later.
+        """
+
+    def status(self) -> str:
+        """For `gateway status`, in one line."""
+
+    def close(self) -> None:
+        """End; called by the gateway's thread after the channel's thread has ended."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surroundings:
+    """What the gateway gives a channel."""
+
+    plant: PlantConfiguration
+    language: str  # of what is told to people where a recipient has no language of his own
+    link: str  # address of the plant's screen for people; empty: none
+    outbox: Outbox
+    arms: Callable[[], Mapping[ArmName, ArmState]]  # as they were heard last
+    transitions: Callable[[float, float], list[Transition]]  # of all arms between two times, the oldest first
+    acts: Acts
+    now: Callable[[], float]
+    scrub: Callable[[str], str]  # a text without any secret in it
+
+
+class Finding(NamedTuple):
+    """One line of `gateway check`: how far a channel gets."""
+
+    channel: str
+    step: str  # settings, name, tcp, tls, authentication, authorisation, …
+    ok: bool
+    text: str  # what was found, and what to do
+
+
+class Kind(NamedTuple):
+    """A kind of channels: their section of the file, and how they are made. The functions import what is heavy when they are called."""
+
+    section: str
+    enabled: Callable[[Any], bool]  # of the section's settings
+    make: Callable[[Any, Surroundings], Sequence[Channel]]
+    check: Callable[[Any, PlantConfiguration], Sequence[Finding]]  # from outside of the service; no message is sent
+    owes: bool = False  # whether transitions become deliveries; else a channel shows states, and several gateways may
+
+
+def needs(module: str, what: str) -> None:
+    """Raises BadConfiguration that says what to install where a package of another project is absent."""
+    if find_spec(module) is None:
+        raise BadConfiguration(f"{what} need the package {module}: pip install 'joint-monitor[gateway]'")

@@ -1,0 +1,1 @@
+"""MQTT: the newest state of each arm as retained messages, and Home Assistant's discovery of them."""

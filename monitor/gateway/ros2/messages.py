@@ -1,0 +1,126 @@
+"""An arm as diagnostic_msgs/msg/DiagnosticArray, in CDR by the library rosbags. No I/O, no clock."""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+from monitor.gateway.figures import ArmFigures, JointFigures, unacknowledged
+from monitor.model.joint_names import joint_text
+from monitor.publish.timestamps import rfc3339
+
+MESSAGE = "diagnostic_msgs/msg/DiagnosticArray"
+OK, WARN, ERROR, STALE = range(4)  # of diagnostic_msgs/msg/DiagnosticStatus
+LEVELS = {"NORMAL": OK, "CHECK_FUNCTION": WARN, "OFF_SPEC": WARN, "MAINTENANCE_REQUIRED": WARN, "FAILURE": ERROR}
+NAME = "joint-monitor"
+NS = 1_000_000_000
+
+
+class Status(NamedTuple):
+    """One status of an array."""
+
+    level: int
+    name: str  # component and what it is of, by the convention of diagnostics
+    message: str
+    hardware_id: str
+    values: Sequence[tuple[str, str]]
+
+
+def statuses(arm: ArmFigures, now_unix_s: float) -> list[Status]:
+    """The arm, then each of its joints. What is not heard, or too old, is STALE, whatever it was then."""
+    hardware = arm.serial or arm.name
+    silence = arm.silence(now_unix_s)
+    message = _state(arm.state, arm.why)
+    if silence is not None:
+        message = f"not heard: {silence[1]}; then: {message}"
+    elif arm.stale:
+        message = f"nothing was learnt of it for too long; then: {message}"
+    values = [
+        *_values(state=arm.state, model=arm.model, firmware=arm.firmware, monitor_version=arm.version, troubles=", ".join(arm.troubles)),
+        ("active_alerts", str(len(arm.alerts))),
+        ("unacknowledged_alerts", str(len(unacknowledged(arm.alerts)))),
+        *_times(since=arm.since_unix_s, said_at=arm.said_unix_s, last_replay=arm.last_replay_unix_s, next_replay=arm.next_replay_unix_s),
+    ]
+    level = STALE if silence is not None or arm.stale else _level(arm.state)
+    found = [Status(level, f"{NAME}: {arm.name}", message, hardware, values)]
+    return found + [_joint(each, arm, hardware, silent=silence is not None) for each in arm.joints]
+
+
+def _joint(joint: JointFigures, arm: ArmFigures, hardware: str, *, silent: bool) -> Status:
+    p10, p50, p90 = joint.life_days
+    figures = _values(
+        state=joint.state,
+        wear=_figure(joint.wear),
+        wear_std=_figure(joint.wear_std),
+        wear_rate_per_day=_figure(joint.wear_rate_per_day),
+        remaining_life_p10_days=_figure(p10),
+        remaining_life_p50_days=_figure(p50),
+        remaining_life_p90_days=_figure(p90),
+        friction_nm=_figure(joint.friction_nm),
+        temperature_c=_figure(joint.temperature_c),
+    )
+    alerts = [(f"alert {each['condition']}", f"{each['tier']}: {each['text'] or ''}") for each in joint.alerts]
+    times = _times(since=joint.since_unix_s, learnt_at=joint.learnt_unix_s, measured_at=joint.measured_unix_s)
+    level = STALE if silent or joint.stale else _level(joint.state)
+    name = f"{NAME}: {arm.name} {joint_text(joint.joint)}"
+    return Status(level, name, _state(joint.state, joint.why), hardware, [*figures, *alerts, *times])
+
+
+def _level(state: str | None) -> int:
+    """Nothing is known before the first verdict: that is no OK."""
+    return LEVELS.get(state or "", STALE)
+
+
+def _state(state: str | None, why: str | None) -> str:
+    return "no replay has been assessed yet" if state is None else f"{state}: {why}" if why else state
+
+
+def _figure(value: float | None) -> str | None:
+    return None if value is None else f"{value:.6g}"
+
+
+def _values(**values: str | None) -> list[tuple[str, str]]:
+    return [(key, value) for key, value in values.items() if value]
+
+
+def _times(**times: float | None) -> Iterator[tuple[str, str]]:
+    return ((key, rfc3339(at)) for key, at in times.items() if at is not None)
+
+
+@cache
+def _types() -> Any:
+    """ROS 2's own definitions, as rosbags carries them: 0.1 s, once."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def type_hash(message: str = MESSAGE) -> str:
+    """The hash of a message's type by REP-2016, RIHS01_…"""
+    return str(_types().hash_rihs01(message))
+
+
+def encoded(found: Sequence[Status], now_unix_s: float) -> bytes:
+    """The array in CDR."""
+    types = _types().types
+    status, pair = types["diagnostic_msgs/msg/DiagnosticStatus"], types["diagnostic_msgs/msg/KeyValue"]
+    nanoseconds = round(now_unix_s * NS)
+    stamp = types["builtin_interfaces/msg/Time"](sec=nanoseconds // NS, nanosec=nanoseconds % NS)
+    array = types[MESSAGE](
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=""),
+        status=[
+            status(
+                level=each.level,
+                name=_clean(each.name),
+                message=_clean(each.message),
+                hardware_id=_clean(each.hardware_id),
+                values=[pair(key=_clean(key), value=_clean(value)) for key, value in each.values],
+            )
+            for each in found
+        ],
+    )
+    return bytes(_types().serialize_cdr(array, MESSAGE))
+
+
+def _clean(text: str) -> str:
+    """A string of CDR ends with NUL, so none may be inside of it: what an arm says may hold anything."""
+    return text.replace("\0", " ")

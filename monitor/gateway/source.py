@@ -1,0 +1,188 @@
+"""What the gateway reads of the plant's database: each arm as it was heard last, and the transitions of alerts, once and in order. I/O.
+
+Reading costs little where nothing has changed: documents and figures are read again only for arms that have said something.
+"""
+
+import threading
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from monitor.gateway.figures import MOST_JOINTS
+from monitor.gateway.values import CLEARED, ENDED, GRAVER, MILDER, RAISED, ArmState, Transition, gravity, time_said, transition_id
+from monitor.plant.database import Database
+from monitor.plant.ingest import RUNNING
+from monitor.plant.links import ArmName
+from monitor.plant.tables import FIGURES, LIFE_FIGURES, arm, friction, gateway_cursor, history, last_value, note, transition
+
+DOCUMENTS = ("health", "monitor", "info")
+PAGE = 500  # transitions that are taken at once
+READ_AT_ONCE = 200  # arms whose documents are read by one query
+
+
+class Taken(NamedTuple):
+    """Transitions that nobody has taken yet, and the cursors after them."""
+
+    transitions: list[Transition]  # of each arm in order
+    cursors: dict[tuple[int, int], int]  # by arm and history: seq
+    more: bool  # whether others wait
+
+
+class Source:
+    """The plant as its database has it. Several threads may read `arms`; one calls `refresh` and `transitions`."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._lock = threading.Lock()
+        self._arms: dict[ArmName, ArmState] = {}
+        self._seen: dict[int, tuple[Any, ...]] = {}  # by arm: what its state was made of
+        self.plant_said_unix_s: float | None = None  # by its own clock; None: it has never run
+
+    def arms(self) -> Mapping[ArmName, ArmState]:
+        """Every arm as it was at the last refresh. The mapping does not change any more."""
+        with self._lock:
+            return self._arms
+
+    def refresh(self) -> None:
+        """Read what has changed. Raises StoreError."""
+        with self._database.read() as connection:
+            rows = {row.id: row for row in connection.execute(sa.select(arm))}
+            self.plant_said_unix_s = connection.execute(sa.select(note.c.at).where(note.c.key == RUNNING)).scalar_one_or_none()
+            copied = {
+                (each.arm, each.number): each.change_cursor
+                for each in connection.execute(sa.select(history.c.arm, history.c.number, history.c.change_cursor))
+            }
+            heard: dict[int, dict[str, float]] = {number: {} for number in rows}
+            times = sa.select(last_value.c.arm, last_value.c.key, last_value.c.heard_at).where(last_value.c.key.in_(DOCUMENTS))
+            for number, key, at in connection.execute(times):
+                if number in heard:
+                    heard[number][key] = at
+            seen = {number: (*row, copied.get((number, row.history)), *sorted(heard[number].items())) for number, row in rows.items()}
+            changed = [number for number, what in seen.items() if self._seen.get(number) != what]
+            before = {state.number: state for state in self._arms.values() if state.number in rows}
+            states = {number: state for number, state in before.items() if seen[number] == self._seen.get(number)}
+            for begin in range(0, len(changed), READ_AT_ONCE):
+                states |= self._states(connection, {number: rows[number] for number in changed[begin : begin + READ_AT_ONCE]}, heard)
+        if changed or len(states) != len(self._arms):
+            with self._lock:
+                self._arms = {state.name: state for _, state in sorted(states.items())}
+        self._seen = seen
+
+    def _states(self, connection: sa.Connection, rows: Mapping[int, Any], heard: Mapping[int, Mapping[str, float]]) -> dict[int, ArmState]:
+        said: dict[int, dict[str, Any]] = {}
+        wanted = sa.select(last_value.c.arm, last_value.c.key, last_value.c.document)
+        wanted = wanted.where(last_value.c.arm.in_(list(rows)), last_value.c.key.in_(DOCUMENTS))
+        for number, key, document in connection.execute(wanted):
+            if isinstance(document, dict):
+                said.setdefault(number, {})[key] = document
+        return {
+            number: ArmState(
+                name=ArmName(row.site, row.robot),
+                number=number,
+                **said.get(number, {}),
+                joints=_newest_friction(connection, number, row.history),
+                heard_at_unix_s=heard[number],
+                silent_since_unix_s=row.silent_since,
+                silent_why=row.silent_why,
+                problem=row.problem,
+            )
+            for number, row in rows.items()
+        }
+
+    def transitions(self, not_before_unix_s: float) -> Taken:
+        """The next transitions; those of earlier times are passed over. `commit` notes that they are taken. Raises StoreError."""
+        found: list[Transition] = []
+        cursors: dict[tuple[int, int], int] = {}
+        more = False
+        with self._database.read() as connection:
+            joined = (gateway_cursor.c.arm == history.c.arm) & (gateway_cursor.c.history == history.c.number)
+            taken = sa.func.coalesce(gateway_cursor.c.seq, 0)
+            behind = (
+                sa.select(history.c.arm, history.c.number, history.c.event_cursor, taken, arm.c.site, arm.c.robot)
+                .join(arm, arm.c.id == history.c.arm)
+                .outerjoin(gateway_cursor, joined)
+                .where(history.c.event_cursor > taken)
+                .order_by(history.c.arm, history.c.number)
+            )
+            for number, at, last, after, site, robot in connection.execute(behind).all():
+                left = PAGE - len(found)
+                if left <= 0:
+                    more = True
+                    break
+                of_arm = (transition.c.arm == number, transition.c.history == at)
+                wanted = sa.select(transition).where(*of_arm, transition.c.seq > after, transition.c.seq <= last)
+                if not_before_unix_s > 0.0:
+                    wanted = wanted.where(transition.c.at >= not_before_unix_s)
+                rows = connection.execute(wanted.order_by(transition.c.seq).limit(left)).all()
+                found += [_transition(connection, ArmName(site, robot), row) for row in rows]
+                cursors[number, at] = last if len(rows) < left else rows[-1].seq
+        return Taken(found, cursors, more or len(found) >= PAGE)
+
+    def between(self, begin_unix_s: float, end_unix_s: float) -> list[Transition]:
+        """The transitions of the arms' present histories between two times, the oldest first. Raises StoreError."""
+        present = (transition.c.arm == arm.c.id) & (transition.c.history == arm.c.history)
+        wanted = sa.select(transition, arm.c.site, arm.c.robot).join(arm, present)
+        wanted = wanted.where(transition.c.at >= begin_unix_s, transition.c.at < end_unix_s).order_by(transition.c.at, transition.c.seq)
+        with self._database.read() as connection:
+            rows = connection.execute(wanted).all()
+            return [_transition(connection, ArmName(row.site, row.robot), row) for row in rows]
+
+    def commit(self, connection: sa.Connection, cursors: Mapping[tuple[int, int], int]) -> None:
+        """Note in this transaction that transitions are taken."""
+        if not cursors:
+            return
+        insert = (postgresql.insert if self._database.postgresql else sqlite.insert)(gateway_cursor)
+        rows = [{"arm": number, "history": at, "seq": seq} for (number, at), seq in cursors.items()]
+        connection.execute(insert.on_conflict_do_update(index_elements=["arm", "history"], set_={"seq": insert.excluded.seq}), rows)
+
+
+def _newest_friction(connection: sa.Connection, number: int, at: int) -> dict[int, dict[str, Any]]:
+    """The newest row of each joint: a look each into the index, however long the history is."""
+    of_arm = (friction.c.arm == number) & (friction.c.history == at)
+    found = {}
+    for joint in range(1, MOST_JOINTS + 1):
+        newest = sa.select(friction).where(of_arm, friction.c.joint == joint).order_by(friction.c.recorded_at.desc()).limit(1)
+        row = connection.execute(newest).one_or_none()
+        if row is not None:
+            found[joint] = {name: getattr(row, name) for name in ("recorded_at", "replay", *FIGURES, *LIFE_FIGURES)}
+    return found
+
+
+def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transition:
+    document = row.document if isinstance(row.document, dict) else {}
+    raised = time_said(document.get("raised_at"))
+    before = ENDED if row.kind == RAISED else _tier_before(connection, row)
+    after = ENDED if row.kind == CLEARED else str(row.tier)
+    kind = str(row.kind)
+    if kind == "updated" and gravity(after) != gravity(before):
+        kind = GRAVER if gravity(after) > gravity(before) else MILDER
+    return Transition(
+        id=transition_id(name, row.joint, row.condition, row.kind, row.tier, row.at),
+        arm=name,
+        joint=row.joint,
+        condition=row.condition,
+        before=before,
+        after=after,
+        kind=kind,
+        at_unix_s=row.at,
+        raised_at_unix_s=row.at if raised is None else raised,
+        text=str(document.get("text") or ""),
+        document=document,
+    )
+
+
+def _tier_before(connection: sa.Connection, row: Any) -> str:
+    """The tier of this alert at its transition before this one; where that is not kept, the tier that the row itself says."""
+    wanted = (
+        sa.select(transition.c.tier, transition.c.kind)
+        .where(
+            *(transition.c.arm == row.arm, transition.c.history == row.history, transition.c.seq < row.seq),
+            *(transition.c.condition == row.condition, transition.c.joint.is_not_distinct_from(row.joint)),
+        )
+        .order_by(transition.c.seq.desc())
+        .limit(1)
+    )
+    found = connection.execute(wanted).one_or_none()
+    return str(row.tier) if found is None else ENDED if found.kind == CLEARED else str(found.tier)
