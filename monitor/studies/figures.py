@@ -1,6 +1,5 @@
 """Figures of studies, with the one-sided 95 % bounds by which they are judged."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import beta, chi2, t
 
-from monitor.recording import Array
+from monitor.recording import Array, known_or_none
 
 SURE = 0.95  # one-sided confidence of every bound
 NINETY = 1.645  # standard deviations on either side of a 90 % interval
@@ -80,17 +79,12 @@ def over_arms(of: Callable[[Array], float], arms: Array) -> Figure:
     return Figure(value, value - reach, value + reach)
 
 
-def finite_or_none(figure: float) -> float | None:
-    """A figure for JSON, which has no infinity: None where it is not finite."""
-    return figure if math.isfinite(figure) else None
-
-
 def share_document(share: Share) -> dict[str, float | None]:
     """A share and its bounds, as JSON."""
     return {
         "hits": share.hits,
         "of": share.of,
-        "share": finite_or_none(share.value),
+        "share": known_or_none(share.value),
         "at_least": share.at_least,
         "at_most": share.at_most,
     }

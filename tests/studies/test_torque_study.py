@@ -30,12 +30,12 @@ def arm(seed, replays, tests):
     return study_arm(seed, excitation=excitation, settings=AssessSettings(), replays=replays, tests=tests, clock=lambda: 0.0)
 
 
-def test_after_sixteen_replays_temperatures_halve_the_error():
+def test_after_twelve_replays_temperatures_halve_the_error():
     """One arm with fewer replays than on the card: half of the error remains at most, and a fifth of the error of friction alone.
 
     The 90 % intervals contain 75 to 99 % of the samples.
     """
-    found = arm(41, 16, 4)
+    found = arm(41, 12, 4)
     assert found.ratio < 0.5
     with_T, without = np.nanmean(found.friction_error_nm**2, axis=1)
     assert np.sqrt(with_T.sum() / without.sum()) < 0.2

@@ -131,7 +131,7 @@ def _listen(daemon: Daemon, host: str, done: threading.Event) -> None:
     feed = LiveFeed(daemon.live, daemon.bus, listener)
     listener.start()
     try:
-        while not done.wait(feed.pause_s):
+        while not feed.wait(done):
             feed.step()
     finally:
         listener.stop()

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, finite_or_none, share_document
+from monitor.recording import Array, known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, share_document
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, LEARNING_DAYS, Played, play
 
@@ -165,15 +165,15 @@ def detection_row(label: str, step: float, per_year: float, found: Delay, covere
         "step": step,
         "per_year": per_year,
         "arms": found.arms,
-        "median_days": finite_or_none(found.median_days),
-        "median_at_most_days": finite_or_none(found.median_at_most),
-        "p90_days": finite_or_none(found.p90_days),
+        "median_days": known_or_none(found.median_days),
+        "median_at_most_days": known_or_none(found.median_at_most),
+        "p90_days": known_or_none(found.p90_days),
         "within_30_days": share_document(found.within_30),
         "by_baseline": [
             {"from_days": low, "to_days": high, "within_30_days": share_document(soon)} for low, high, soon in found.by_baseline if soon.of
         ],
         "right_joint": share_document(found.right_joint),
-        "wear_tier_median_days": finite_or_none(found.wear_tier_median_days),
-        "interval_90": finite_or_none(covered.worn),
-        "interval_90_undetected": finite_or_none(covered.undetected),
+        "wear_tier_median_days": known_or_none(found.wear_tier_median_days),
+        "interval_90": known_or_none(covered.worn),
+        "interval_90_undetected": known_or_none(covered.undetected),
     }

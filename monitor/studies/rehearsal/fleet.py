@@ -159,6 +159,7 @@ class Fleet:
 
         duty = np.where(away | weekend, 0.0, rng.uniform(0.3, 0.7, A))
         self._heat.live(self, WORK_H, room + 2.0, duty)
+        self._at_work(day, duty)
         self._revolutions += duty[:, None] * REVOLUTIONS_PER_DUTY_DAY
         self._used_days += np.where(day > self.wear.onset_day, duty / MEAN_DUTY, 0.0)
         self._heat.live(self, NIGHT_H, room + cold, np.zeros(A))
@@ -171,6 +172,9 @@ class Fleet:
         self._heat.live(self, REPLAY_MIN / 60.0, room + cold, np.full(A, REPLAY_DUTY))
         after = self._heat.motor
         return _Morning(away, 0.5 * (before + after), self._heat.grease, (after - before) / REPLAY_MIN)
+
+    def _at_work(self, day: int, duty: Array) -> None:
+        """The end of a day's work with a duty (A,); a fleet whose work is observed looks at it here."""
 
     def _enter_contexts(self, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which arms replay, and which of these for the first time with their payload, (A,) each."""

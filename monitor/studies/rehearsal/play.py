@@ -14,10 +14,11 @@ from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
-from monitor.judge.drift.undeclared_change import MassEstimate, compare_weights, update_mass_estimate
+from monitor.judge.drift.undeclared_level import Weights, declares_level, weigh
 from monitor.judge.drift.undetected_change import undetected_change
-from monitor.recording import Array
+from monitor.recording import DAY_S, Array
 from monitor.studies.figures import NINETY
 from monitor.studies.rehearsal.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
 
@@ -134,14 +135,14 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
         day, now = number / fleet.replays_a_day, fleet.morning(number)
         if state is None:
             state = initial_state(now.seen, J, assess.drift, assess.temperature)
-        undeclared = weighed.contradicted(now, assess.health)
+        weights = weighed.weigh(now, day, assess.health)
         replay = Replay(
             observation=now.seen,
             days=day - last,
             replayed=now.replayed,
-            slot=now.slot,
-            opened=now.opened & (day > 0),  # the initial state knows no level yet
-            undeclared=undeclared,
+            slot=weights.slot,
+            opened=weights.opened & (day > 0),  # the initial state knows no level yet
+            undeclared=weights.withheld,
             revolutions=now.revolutions.ravel() if count_use else None,
         )
         last = np.where(now.replayed, day, last)
@@ -150,26 +151,46 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
         usable = state.filter_state.learnt_from & result.inside_range
         evidence = weigh_evidence(wear_of_state(state.filter_state, usable, math.floor(day)), counts, J, assess.health)
         counts = evidence.counts
-        yield JudgedDay(number, day, now, result, evidence, undeclared)
+        yield JudgedDay(number, day, now, result, evidence, weights.contradicted)
+
+
+class _WeighedDay(NamedTuple):
+    """What the weights of a morning's replays lead to, (A,) each."""
+
+    contradicted: np.ndarray  # whether they contradict the declared context
+    withheld: np.ndarray  # whether nothing is learnt of the replay
+    slot: np.ndarray  # of the level that the replay belongs to
+    opened: np.ndarray  # whether that level begins
 
 
 class _Weighed:
-    """The weights of each arm in its context, compared and learnt as `learn` does it."""
+    """The weights of each arm, compared and learnt as `learn` does it: an undeclared level is kept in the slots after the declared ones."""
 
     def __init__(self, arms: int) -> None:
-        self._estimates: list[MassEstimate | None] = [None] * arms
+        self._weights = [Weights()] * arms
+        self._slots = np.tile(np.arange(SLOTS), (arms, 1))  # of each declared context, as the fleet counts them
 
-    def contradicted(self, now: Day, health: HealthSettings) -> np.ndarray:
-        """(A,) whether a morning's replay contradicts the declared context; its weights are learnt where it does not."""
-        result = np.zeros(len(now.replayed), dtype=bool)
+    def weigh(self, now: Day, day: float, health: HealthSettings) -> _WeighedDay:
+        """What the weights of a morning's replays contradict, and the level that each replay belongs to."""
+        A, sigma, mass_kg = len(now.replayed), health.contradiction_sigma, health.contradiction_kg
+        contradicted, withheld, opened = np.zeros(A, dtype=bool), np.zeros(A, dtype=bool), now.opened.copy()
         if now.rigid is None:
-            return result
+            return _WeighedDay(contradicted, withheld, now.slot, opened)
+        slot = self._slots[np.arange(A), now.slot]
         for arm in np.flatnonzero(now.replayed).tolist():
-            before = None if now.opened[arm] else self._estimates[arm]
-            found = compare_weights(now.rigid[arm], before, sigma=health.contradiction_sigma, mass_kg=health.contradiction_kg)
-            result[arm] = found.condition is not None
-            self._estimates[arm] = before if result[arm] else update_mass_estimate(before, now.rigid[arm])
-        return result
+            fit, weights, own = now.rigid[arm], self._weights[arm], SLOTS - 1 - now.slot[arm]
+            if now.opened[arm]:
+                level = weights.level
+                same = level is not None and declares_level(weights, fit, sigma=sigma, mass_kg=mass_kg)
+                if same:  # the level of the context before
+                    self._slots[arm, now.slot[arm]] = slot[arm] = own + 1
+                opened[arm] = not same
+                weights = Weights(level.estimate) if same and level is not None else Weights()
+            self._weights[arm], found = weigh(weights, fit, day * DAY_S, sigma=sigma, mass_kg=mass_kg)
+            contradicted[arm], withheld[arm] = found.condition is not None, found.withheld
+            if found.own_level:
+                slot[arm], opened[arm] = own, found.begins
+        return _WeighedDay(contradicted, withheld, slot, opened)
 
 
 def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, finite_or_none, over_arms, share_document
+from monitor.recording import known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, over_arms, share_document
 from monitor.studies.rehearsal.detection import Kind, false_alarms, kind_document, parts, play_part
 from monitor.studies.rehearsal.fleet import SCENARIOS, FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
@@ -81,7 +82,7 @@ def quiet_document(base: FleetSettings, assess: AssessSettings) -> dict[str, Any
         "friction_interval_90": _figure_document(over_arms(np.mean, quiet.covered)),
         "slope_left_per_k": {
             **_figure_document(over_arms(np.nanmean, left)),
-            "nine_of_ten": finite_or_none(float(np.nanquantile(left, 0.9))),
+            "nine_of_ten": known_or_none(float(np.nanquantile(left, 0.9))),
         },
     }
 
@@ -92,7 +93,7 @@ def _done(job: Callable[[], Any]) -> Any:
 
 
 def _figure_document(figure: Figure) -> dict[str, float | None]:
-    return {name: finite_or_none(value) for name, value in figure._asdict().items()}
+    return {name: known_or_none(value) for name, value in figure._asdict().items()}
 
 
 def _rate_document(rate: Rate) -> dict[str, float]:

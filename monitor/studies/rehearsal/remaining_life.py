@@ -10,8 +10,8 @@ import numpy as np
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.drift.step import DriftState
-from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR, Share, finite_or_none, share_document
+from monitor.recording import Array, known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Share, share_document
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, Day, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, play
 
@@ -99,35 +99,45 @@ def _document(answers: list[Answer], path: str, share: float) -> dict[str, Any]:
         "asked": len(asked),
         "no_trend": len(asked) - len(inside),
         "p10_p90_holds": share_document(Share(hits=sum(inside), of=len(inside))) if inside else None,
-        "p50_over_truth": finite_or_none(float(np.median(ratios))) if ratios else None,
+        "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
     }
 
 
-def answers_of(path: str, rate: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings) -> list[Answer]:
-    """The answers of arms whose `joint` (A,) wears along a path that reaches the limit at a mean rate (A,) per mean day of work."""
+def answers_of(
+    path: str, rate: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings, asked_at: tuple[float, ...] = ASKED_AT
+) -> list[Answer]:
+    """The answers of arms whose `joint` (A,) wears along a path that reaches the limit at a mean rate (A,) per mean day of work.
+
+    asked_at : shares of life, ascending.
+    """
     arms, rise = len(rate), assess.prognosis.limit_rise
-    wear = Wear(
-        joint=joint.astype(float),
-        onset_day=np.full(arms, ONSET_DAY),
-        step=np.zeros(arms),
-        per_day=rate,
-        path=lambda straight: rise * along(path, straight / rise),
-    )
+    wear = wear_along(path, rate, joint, rise)
     answers: list[Answer] = []
-    asked = np.zeros((arms, len(ASKED_AT)), dtype=bool)
+    asked = np.zeros((arms, len(asked_at)), dtype=bool)
 
     def watch(_: int, now: Day, state: DriftState) -> None:
         lived = now.used_days * rate / rise  # share of life
-        due = now.replayed[:, None] & ~asked & (lived[:, None] >= np.array(ASKED_AT))
+        due = now.replayed[:, None] & ~asked & (lived[:, None] >= np.array(asked_at))
         for arm, k in np.argwhere(due).tolist():
             asked[arm, k] = True
             left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             n = arm * state.joints_per_arm + int(joint[arm])
-            answers.append(_answer(path, ASKED_AT[k], state, n, left, assess))
+            answers.append(_answer(path, asked_at[k], state, n, left, assess))
 
-    days = int(ONSET_DAY + ASKED_AT[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
+    days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
     play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
     return answers
+
+
+def wear_along(path: str, rate: Array, joint: np.ndarray, rise: float) -> Wear:
+    """The wear of arms whose `joint` (A,) begins to wear on `ONSET_DAY`, and reaches `rise` at a mean rate (A,) per mean day of work."""
+    return Wear(
+        joint=joint.astype(float),
+        onset_day=np.full(len(rate), ONSET_DAY),
+        step=np.zeros(len(rate)),
+        per_day=rate,
+        path=lambda straight: rise * along(path, straight / rise),
+    )
 
 
 def _answer(path: str, share: float, state: DriftState, n: int, truth: float, assess: AssessSettings) -> Answer:

@@ -6,7 +6,8 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
-from monitor.studies.figures import Share, finite_or_none, share_document
+from monitor.recording import known_or_none
+from monitor.studies.figures import Share, share_document
 from monitor.studies.rehearsal.play import JudgedDay
 from monitor.studies.rehearsal.remaining_life import ALPHA, ASKED_AT
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
@@ -60,7 +61,7 @@ def life_documents(answers: list[LifeAnswer], group: int) -> list[dict[str, Any]
                 "without_date": len(asked) - len(dated),
                 "p10_p90_holds": share_document(Share(hits=sum(held), of=len(held))),
                 "p50_near": share_document(Share(hits=sum(abs(ratio - 1.0) <= ALPHA for ratio in ratios), of=len(asked))),
-                "p50_over_truth": finite_or_none(float(np.median(ratios))) if ratios else None,
+                "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
             }
         )
     return rows

@@ -270,6 +270,14 @@ _OTHERS = (
     ),
     World(name="sensor-2k", sentence="the temperature sensor of one joint reads 2 K too much from one day on", changes=(SensorShift(),)),
     World(
+        name="payload-forgotten",
+        sentence="0.5 kg mounted in the sixth month and never declared; wear begins a year later",
+        changes=(
+            Payload(mass_kg=0.5, rise=(0.002, 0.023, 0.020, 0.008, 0.005, 0.001), days=(150.0, 180.0), declared_after_days=(1e9, 1e9)),
+        ),
+        wear=(replace(STEP_5, earliest_day=500.0, latest_day=560.0), replace(RATE_10, earliest_day=500.0, latest_day=560.0)),
+    ),
+    World(
         name="payload-never-declared",
         sentence="0.3 kg mounted, and nobody ever declares it",
         changes=(Payload(declared_after_days=(1e9, 1e9)),),

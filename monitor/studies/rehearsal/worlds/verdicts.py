@@ -8,8 +8,8 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence
-from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, finite_or_none, share_document
+from monitor.recording import Array, known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, share_document
 from monitor.studies.rehearsal.play import LEARNING_DAYS, interval_holds, judged_days
 from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_documents
@@ -183,8 +183,8 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
         "wear": fleet.world.wear[k].name,
         "arms": n,
         "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
-        "median_days": finite_or_none(float(np.median(days))) if n else None,
-        "p90_days": finite_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
+        "median_days": known_or_none(float(np.median(days))) if n else None,
+        "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
         "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
         "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
         "never": share_document(Share(hits=int((~found).sum()), of=n)),

@@ -41,7 +41,7 @@ class Weights:
         """What the replays of that number identify, of each arm."""
         true = (self._values + self._carried_kg[number][:, None] * self._load) * self._scale[number][:, None]
         seen = true + STD * np.random.default_rng((self._seed, number)).normal(size=true.shape)
-        return tuple(RigidFit(self._columns, self._names, values, STD**2, self._of_mass) for values in seen)
+        return tuple(RigidFit(self._columns, self._names, values, np.diag(STD**2), self._of_mass) for values in seen)
 
 
 @cache

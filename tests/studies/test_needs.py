@@ -1,0 +1,68 @@
+"""When a fleet's arms need replays: the study reads the daemon's own decision."""
+
+import numpy as np
+import pytest
+
+from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.assess import AssessSettings
+from monitor.studies.rehearsal.at_work import DAILY_UNTIL, Plan, WorkSettings, played
+from monitor.studies.rehearsal.fleet import FleetSettings
+from monitor.studies.rehearsal.needs import Needs
+from monitor.studies.rehearsal.play import COMPARABLE
+from monitor.studies.rehearsal.work_plans import PLANS, row
+
+SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, untold_days=7.0, at_most_days=30.0)
+ALL, NONE, FIRST = np.ones((1, 2), dtype=bool), np.zeros((1, 2), dtype=bool), np.array([[True, False]])
+QUIET = np.full((1, 2), -1.0)
+
+
+@pytest.fixture
+def learnt():
+    """One arm with two joints after its learning days, the last replay on day 20."""
+    needs = Needs(1, 2)
+    assert needs.at(0, SCHEDULE).all()
+    needs.replayed(20, ALL, QUIET)
+    return needs
+
+
+def test_a_joint_that_work_never_moves_is_replayed_after_untold_days_and_one_that_it_does_after_at_most_days(learnt):
+    moved = Needs(1, 2)
+    moved.replayed(20, ALL, QUIET)
+    for day in range(21, 50):
+        assert learnt.at(day, SCHEDULE).all() == (day >= 27)
+        assert not moved.at(day, SCHEDULE).any()
+        learnt.worked(day + 0.4, FIRST, QUIET, QUIET, NONE)
+        moved.worked(day + 0.4, ALL, QUIET, QUIET, NONE)
+    assert moved.at(50, SCHEDULE).all()
+
+
+def test_what_work_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_raised_asks_no_more(learnt):
+    learnt.worked(20.4, ALL, QUIET, QUIET, FIRST)
+    assert learnt.at(21, SCHEDULE).all()
+    learnt.worked(22.4, NONE, QUIET, QUIET, NONE)  # a day without work ends no suspicion
+    assert learnt.asked.all()
+    learnt.replayed(23, ALL, QUIET)
+    assert not learnt.at(24, SCHEDULE).any()
+    wanted = np.where(FIRST, 0.0, -1.0)
+    learnt.worked(24.4, ALL, QUIET, wanted, NONE)
+    assert learnt.at(25, SCHEDULE).all()
+    learnt.replayed(25, ALL, wanted)
+    learnt.worked(25.4, ALL, QUIET, wanted, NONE)
+    assert not learnt.at(26, SCHEDULE).any()
+
+
+def test_an_arm_whose_work_tells_of_every_joint_replays_seldom_once_it_is_learnt():
+    """Two arms and a month: at most 12 replays each, of 30."""
+    schedule = ScheduleSettings(replay="when_needed", learning_days=DAILY_UNTIL)
+    work = WorkSettings(blind_joints=0, seldom=0.95)
+    fleet = FleetSettings(arms=2, days=DAILY_UNTIL + 31, seed=5, scenarios=COMPARABLE)
+    found = played(fleet, None, work, Plan(work=True, schedule=schedule), AssessSettings())
+    assert 1.0 <= found["replays_a_year"] * 31.0 / 365.0 <= 12.0
+
+
+def test_the_table_says_replays_minutes_and_delays():
+    quiet = {"replays_a_year": 36.0, "per_year": 0.1, "at_most": 0.16}
+    step = {"median_days": 9.0, "median_days_where_work_tells": 8.5, "median_days_where_it_never_does": None}
+    text = row("few", quiet, step, {"median_days": 140.0}, 360.0)
+    assert text == "| few | 36 (10 %) | 1.5 | 9; 8; – | 140 | 0.10 (0.16) |\n"
+    assert next(iter(PLANS.values())) == Plan()  # robot time is compared with daily replays
