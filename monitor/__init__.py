@@ -10,13 +10,15 @@ test holds this map against the linter's contracts.
 
     __main__        python -m monitor
     cli             the commands: a module a topic, one module of shared options
-    studies         the whole on simulated arms: demo, rehearsal, performance card, the paper's campaign
+    studies         the whole: simulated arms (demo, rehearsal, performance card, the paper's campaign), and the past of real ones once more
+    gateway         the plant's alerts, told to people and to other systems: mail, webhooks, work orders
+    plant           many arms: their histories copied into one database, their health followed, the worst first
     service         the daemon: replay cycle, bus handlers, scheduler, maintenance, systemd
     config          one TOML file → the settings of every room; reload
     views           what a person looks at: web page, printed report, plots, terminal
     acquire         robot → Recording, in child processes that may die; conditions, guard and gate before any motion
     simulate        a UR controller made of software, on the real wire; it does not know the monitor's model
-    store           one robot's history on disk: SQLite, recordings, backups, provenance
+    store           one robot's history on disk: SQLite, recordings and their archive, backups, provenance
     publish         Assessment → Zenoh and metrics; the documents and the typed client
     assess        ∘ the whole flow from Recording to Assessment, as one function
     judge         ∘ Identification → Assessment: temperature, drift, torque, alerts

@@ -167,7 +167,9 @@ def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> N
 
     if config is None or others:
         raise BadInput("--from-store takes recordings and settings from a history: expected --config, and nothing else beside it")
-    with Store.reader(load_configuration(config).state_directory) as store, status_line("every past verdict once more"):
+    configuration = load_configuration(config)
+    reader = Store.reader(configuration.state_directory, configuration.archive)
+    with reader as store, status_line("every past verdict once more"):
         document = recompute(store)
     if as_json:
         print_json(document, indent=None)

@@ -55,6 +55,8 @@ def schedule(
             typer.echo(f"    try {number} ended {each['at']}: {each['reason']}")
     if document["due"]:
         typer.echo(f"  due since {document['due']['since']} ({document['due']['why']}): waits for the program's node")
+    if needed := document.get("needed"):
+        typer.echo(f"  replay = when_needed: the next one from {needed['needed_from'] or 'now'}, {needed['why']}")
     for window in document["windows"]:
         typer.echo(f"  {window['local']}  opens {window['opens']}  {window['why']}")
     if document["learning_until"]:
@@ -111,7 +113,8 @@ def export(
     if (what == "recording") != (replay is not None):
         raise BadInput("--what recording and --replay NUMBER belong together; one of them is missing")
     refuse_overwriting(output, force)
-    with Store.reader(load_configuration(config).state_directory) as store:
+    configuration = load_configuration(config)
+    with Store.reader(configuration.state_directory, configuration.archive) as store:
         if replay is not None:
             typer.echo(f"{output}: replay {replay}, {export_recording(store, replay, output).samples} samples")
             return

@@ -123,6 +123,7 @@ def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, 
 
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
     """Draw what the identified model does not explain of these recordings. Raises BadInput like `residual_plot`."""
+    from monitor.identify.signals.coupling import at_motors
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
     from monitor.identify.validate import held_out_settings, predict_motion
@@ -130,7 +131,7 @@ def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recording
 
     shown = []
     for recording in recordings:
-        moved = motion(recording, held_out_settings().signals)
+        moved = motion(at_motors(recording, arm), held_out_settings().signals)
         parts = predict_motion(found, arm, moved)
         residual = joint_torque(moved, arm, gains) - parts.torque
         shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))

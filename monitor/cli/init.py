@@ -33,6 +33,7 @@ ALLOW_MOTION = (
 def init(
     file: Annotated[Path | None, typer.Argument(help="The file to write; else ID.toml here.", show_default=False)] = None,
     host: Annotated[str | None, typer.Option(help="Address of the controller, which is asked; - for none yet.", show_default=False)] = None,
+    robot_api_port: Annotated[int, typer.Option(min=1, max=65535, help="Of a PolyScope X: where its Robot API answers.")] = 80,
     simulated: Annotated[
         bool, typer.Option("--simulated", help="The arm at --host is `joint-monitor simulate`; gains are its own.")
     ] = False,
@@ -89,6 +90,7 @@ class Options:
 
     file: Path | None
     host: str | None
+    robot_api_port: int
     simulated: bool
     model: str | None
     site: str | None
@@ -130,7 +132,7 @@ def _write(given: Options) -> None:
     if given.file is not None:
         _refuse_taken(given.file, given.force)
     ask.say("joint-monitor init writes the configuration of one arm. Enter takes what stands in brackets; Ctrl-C writes nothing.\n")
-    address, found = reached(given.host, ask, simulated=given.simulated)
+    address, found = reached(given.host, ask, simulated=given.simulated, robot_api_port=given.robot_api_port)
     about = _arm(given, ask, found, address)
     path = given.file or Path(f"{about['id']}.toml")
     _refuse_taken(path, given.force)
@@ -183,6 +185,7 @@ def _arm(given: Options, ask: Questions, found: "Survey", address: str) -> dict[
         "site": site,
         "id": arm_id,
         "host": "127.0.0.1" if address == "-" else address,
+        "robot_api_port": given.robot_api_port,
         "serial": serial,
         "mounting": mounting,
         "payload_kg": mass,

@@ -11,19 +11,19 @@ if TYPE_CHECKING:
     from monitor.acquire.survey import Survey
 
 
-def reached(host: str | None, ask: Questions, *, simulated: bool) -> tuple[str, "Survey"]:
+def reached(host: str | None, ask: Questions, *, simulated: bool, robot_api_port: int) -> tuple[str, "Survey"]:
     """The address of the controller, and what it says. One that a person gives and that does not answer is asked for once more.
 
-    host : the option; None where it is not given. Raises BadInput where it is no address.
+    host : the option; None where it is not given. robot_api_port : of a PolyScope X. Raises BadInput where it is no address.
     """
     read, default = text_of(_address), "127.0.0.1" if simulated else "-"
     address = ask.answer("--host", host, "Address of the controller (- for none yet)", default, read)
-    found = _survey(address, ask.asks)
+    found = _survey(address, ask.asks, robot_api_port)
     while ask.asks and host is None and address != "-" and found.identity is None:
         again = ask.answer("--host", None, f"Address of the controller (Enter keeps {address}, - for none yet)", address, read)
         if again == address:
             break
-        address, found = again, _survey(again, ask.asks)
+        address, found = again, _survey(again, ask.asks, robot_api_port)
     return address, found
 
 
@@ -40,15 +40,16 @@ def _address(text: str) -> None:
         raise BadInput(str(error)) from None
 
 
-def _survey(address: str, asks: bool) -> "Survey":
+def _survey(address: str, asks: bool, robot_api_port: int) -> "Survey":
     """What the arm says, and a line for a person about it."""
     from monitor.acquire.survey import Survey, survey
+    from monitor.acquire.ur.driver import UniversalRobots
     from monitor.views.terminal.progress import status
 
     if address == "-":
         return Survey()
     with status(f"asking {address}"):
-        found = survey(address)
+        found = survey(address, driver=UniversalRobots(robot_api_port=robot_api_port))
     if found.identity is not None:
         said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
         typer.echo(f"{address} answers: {', '.join(said)}")

@@ -1,11 +1,12 @@
 """The program `joint-monitor`, made of the commands of its topics.
 
-A topic is a module with a table COMMANDS. A further topic is one entry of TOPICS. Modules import what is heavy inside of their functions,
-so that `--help` is quick.
+A topic is a module with a table COMMANDS, and perhaps one of GROUPS. A further topic is one entry of TOPICS. Modules import what is heavy
+inside of their functions, so that `--help` is quick.
 """
 
 import os
 import sys
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
@@ -17,18 +18,25 @@ from monitor.cli import (
     bus,
     demo,
     design,
+    gateway,
     hand_over,
     history,
     identification,
     init,
+    inspected,
     live,
     models,
     motion,
+    plant,
+    prior,
+    query,
+    reassess,
     reports,
     service,
     serviced,
     simulator,
     trial,
+    work,
 )
 from monitor.cli.hints import CommandWithHints
 from monitor.errors import MonitorError
@@ -52,15 +60,22 @@ TOPICS = (
     simulator,
     models,
     identification,
+    work,
     live,
     design,
     bus,
     serviced,
+    inspected,
     assess,
+    reassess,
     motion,
     hand_over,
     history,
+    query,
     reports,
+    prior,
+    plant,
+    gateway,
     demo,
     trial,
 )
@@ -78,6 +93,20 @@ app = typer.Typer(
 for _topic in TOPICS:
     for _name, _function in _topic.COMMANDS.items():
         app.command(name=_name, cls=CommandWithHints)(_function)
+    for _name, _group in getattr(_topic, "GROUPS", {}).items():
+        _words = typer.Typer(cls=WholeHelp, rich_markup_mode=None)
+        _words.callback(invoke_without_command=True)(_group.alone)
+        for _word, _function in _group.words.items():
+            _words.command(name=_word, cls=CommandWithHints)(_function)
+        app.add_typer(_words, name=_name)
+
+
+def every_command(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command with its name, as click knows it; the words of a command follow it: `plant`, `plant backup`, …"""
+    words: dict[str, Any] = getattr(group or typer.main.get_command(app), "commands", {})
+    for name, command in words.items():
+        yield f"{before}{name}", command
+        yield from every_command(command, f"{before}{name} ")
 
 
 def main() -> None:

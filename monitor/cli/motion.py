@@ -49,7 +49,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         except StoreError as error:  # the history says whether a stop waits for a person
             found = (ConditionResult(name="previous_stop", holds=False, text=str(error)),)
     may = all(condition.holds for condition in found)
-    bus = _bus_reach(configuration)
+    bus, gateway = _bus_reach(configuration), _gateway_reach(configuration)
     if as_json:
         of_motion, of_service = (
             [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.text} for each in part]
@@ -57,13 +57,14 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         )
         may_run = all(condition.holds for condition in service)
         about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
-        print_json(about | {"service": of_service, "conditions": of_motion, "bus": bus})
+        print_json(about | {"service": of_service, "conditions": of_motion, "bus": bus, "gateway": gateway})
     else:
-        from monitor.views.terminal.arm import print_bus, print_conditions
+        from monitor.views.terminal.arm import print_bus, print_conditions, print_gateway
 
         rows = [(each.name, each.status, each.text) for each in (*service, *found)]
         print_conditions(f"{configuration.robot.id} at {configuration.robot.host}", rows)
         print_bus(bus)
+        print_gateway(gateway)
     if not (may and all(condition.holds for condition in service)):
         raise typer.Exit(EXIT_NOT_NOW)
 
@@ -203,6 +204,14 @@ def _bus_reach(configuration: "Configuration") -> list[dict[str, Any]]:
     found = [reach(endpoint, prefix, who="daemon", zenoh_file=bus.zenoh, answers=False) for endpoint in bus.connect]
     found.append(reach((bus.connect or bus.listen)[0], prefix, who="commands", zenoh_file=bus.client_zenoh))
     return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.text} for each in found]
+
+
+def _gateway_reach(configuration: "Configuration") -> dict[str, Any] | None:
+    """How far the channels get that tell of this arm's alerts; None where no gateway has its file here."""
+    from monitor.gateway.check import check_beside
+
+    found = check_beside(configuration.path.parent)
+    return None if found is None else {"file": str(found[0]), "findings": [finding._asdict() for finding in found[1]]}
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -17,6 +17,14 @@ if TYPE_CHECKING:
     from monitor.recording import Array
 
 Commands = Mapping[str, Callable[..., None]]  # of one topic: name on the command line → function
+
+
+class Group(NamedTuple):
+    """A command with words of its own, as in `joint-monitor plant status`."""
+
+    alone: Callable[..., None]  # what it does without a further word
+    words: Commands
+
 
 FIGURES_HELP = "one figure a joint, comma-separated"
 CONFIG_VARIABLE = "JOINT_MONITOR_CONFIG"  # names the configuration where --config does not
@@ -36,6 +44,13 @@ def complete_scenario(incomplete: str) -> list[str]:
     from monitor.simulate.scenario import scenario_names
 
     return [name for name in scenario_names() if name.startswith(incomplete)]
+
+
+def complete_cell(incomplete: str) -> list[str]:
+    """The simulated cells that begin so; the shell asks."""
+    from monitor.simulate.cells.catalogue import CELLS
+
+    return [name for name in CELLS if name.startswith(incomplete)]
 
 
 ConfigOption = Annotated[Path, typer.Option("--config", "-c", help=CONFIG_HELP, envvar=CONFIG_VARIABLE, show_default=False)]
@@ -91,6 +106,16 @@ def joint_number(text: str, joints: int, option: str = "--joint") -> int:
     if given.replace(" ", "") in (squeezed := [name.replace(" ", "") for name in names]):
         return squeezed.index(given.replace(" ", "")) + 1
     raise BadInput(f"{option} {text!r}: expected 1 to {joints}, or one of {', '.join(names)}")
+
+
+def refuse_no_time(option: str, text: str) -> None:
+    """Raises BadInput where the text is no date or time, before any history or daemon is asked."""
+    from monitor.publish.timestamps import unix_s
+
+    try:
+        unix_s(text)
+    except ValueError:
+        raise BadInput(f"{option} {text!r}: not a date or time; expected e.g. 2026-01-31 or 2026-01-31T14:00:00Z") from None
 
 
 def refuse_overwriting(path: Path | None, force: bool) -> None:

@@ -1,11 +1,12 @@
-"""The command `simulate`: a simulated UR controller."""
+"""The commands `simulate`, a simulated UR controller, and `simulate-work`, recordings of production on it."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from monitor.cli.options import Commands, MountingOrNoneOption, complete_model, complete_scenario
+from monitor.cli.options import Commands, JsonOption, MountingOrNoneOption, complete_cell, complete_model, complete_scenario, print_json
+from monitor.errors import BadInput
 
 
 def simulate(
@@ -34,8 +35,17 @@ def simulate(
     control_script: Annotated[
         str | None, typer.Option(help="ur-rtde's script: modelled (the default), or executed line by line.", show_default=False)
     ] = None,
+    run_in: Annotated[
+        float | None, typer.Option(help="What rest adds to friction, e.g. 0.04; gone after some 15 s of motion.", show_default=False)
+    ] = None,
     program: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Production program that is loaded, as TOML.", show_default=False)
+    ] = None,
+    cell: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Production cell around the arm, whose program plays.", autocompletion=complete_cell, show_default=False
+        ),
     ] = None,
     home: Annotated[
         str | None, typer.Option(metavar="Q1,…,Q6", help="Joint positions at the start [rad], as --home=….", show_default=False)
@@ -73,7 +83,9 @@ def simulate(
         protective_runtime=protective_runtime,
         personality=personality,
         control_script=control_script,
+        run_in=run_in,
         home_rad=numbers("--home", home),
+        cell=cell,
         program=None if program is None else load_tree(program),
         command_port=command_port,
         robot_api_port=robot_api_port,
@@ -82,8 +94,18 @@ def simulate(
         from monitor.simulate.view import simulate_and_watch
 
         options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
-        options |= {"--polyscope": polyscope, "--protective-runtime": protective_runtime, "--personality": personality, "--home": home}
-        options |= {"--control-script": control_script, "--program": None if program is None else str(program)}
+        options |= {
+            "--polyscope": polyscope,
+            "--protective-runtime": protective_runtime,
+            "--personality": personality,
+            "--home": home,
+        }
+        options |= {
+            "--cell": cell,
+            "--control-script": control_script,
+            "--run-in": run_in,
+            "--program": None if program is None else str(program),
+        }
         given = [f"{option}={value}" for option, value in options.items() if value is not None]
         fixed = [f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", f"--robot-api-port={robot_api_port}"]
         simulate_and_watch([*fixed, *given], bind, command_port)
@@ -93,4 +115,57 @@ def simulate(
     serve(settings, lambda: typer.echo(announcement(settings)))
 
 
-COMMANDS: Commands = {"simulate": simulate}
+def simulate_work(
+    cell: Annotated[str, typer.Argument(metavar="CELL", help="Name of the cell, or `list`.", autocompletion=complete_cell)],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write: .parquet, or .csv.", show_default=False)
+    ] = None,
+    robot: Annotated[str, typer.Option(help="Model of the arm.", autocompletion=complete_model)] = "ur5",
+    hours: Annotated[float, typer.Option(help="Work of each day [h].")] = 1.0,
+    days: Annotated[int, typer.Option(help="Days, with nights between them that are not recorded.")] = 1,
+    speed: Annotated[float, typer.Option(metavar="PERCENT", help="Of the speed slider.")] = 100.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rows a second.")] = 25.0,
+    seed: Annotated[int, typer.Option(help="Of places, declared masses and noise.")] = 0,
+    ambient: Annotated[float, typer.Option(help="Room temperature [°C], with a swing of 2 K over the day.")] = 22.0,
+    wear: Annotated[
+        str | None, typer.Option(metavar="F1,…,F6", help="Friction of the joints as multiples of the usual.", show_default=False)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Record the production of a simulated cell, faster than real time, as RTDE would tell it."""
+    from monitor.simulate.cells.catalogue import CELLS
+
+    if cell == "list":
+        if as_json:
+            print_json({"cells": [{"name": name, "about": kind.about} for name, kind in CELLS.items()]})
+        else:
+            typer.echo("\n".join(f"{name:<17} {kind.about}" for name, kind in CELLS.items()))
+        return
+    from monitor.simulate.launch import numbers
+    from monitor.simulate.scenario import Room
+    from monitor.simulate.work import WorkSettings, arm_in_cell, record
+    from monitor.store.tables import check_table, write_table
+
+    if output is None:
+        raise BadInput("simulate-work: -o FILE is missing; expected a file that ends in .parquet or .csv")
+    check_table(output)
+    work = WorkSettings(
+        cell=cell,
+        robot=robot,
+        seed=seed,
+        hours=hours,
+        days=days,
+        speed=speed / 100.0,
+        rate_hz=rate,
+        room=Room(mean_c=ambient, daily_swing_k=2.0),
+    )
+    recording = record(work, arm_in_cell(work, wear=numbers("--wear", wear)))
+    write_table(output, recording.columns, recording.context)
+    if as_json:
+        print_json({"file": str(output), "rows": recording.rows, "cycles": recording.cycles, "protective_stops": len(recording.stops)})
+        return
+    stops = f", {len(recording.stops)} protective stops" if recording.stops else ""
+    typer.echo(f"{output}: {cell} at {speed:g} %, {days * hours:g} h of work, {recording.cycles} cycles{stops}, {recording.rows} rows")
+
+
+COMMANDS: Commands = {"simulate": simulate, "simulate-work": simulate_work}

@@ -150,12 +150,28 @@ def test_check_reports_whether_the_service_could_run(cell: Path, tmp_path: Path)
     }
     assert document["may_run"]
     assert not document["may_move"]
+    assert document["gateway"] is None
     (tmp_path / "history").mkdir()
     (tmp_path / "history" / "history.sqlite").write_bytes(b"no database" * 1000)
     (tmp_path / "cell.toml").write_text(cell.read_text())
     document = json.loads(printed("check", "--config", str(tmp_path / "cell.toml"), "--json", code=3))
     assert [each["name"] for each in document["service"] if not each["holds"]] == ["history"]
     assert not document["may_run"]
+
+
+def test_check_says_how_far_the_channels_get_whose_file_lies_beside_the_arm_s(cell: Path, tmp_path: Path):
+    """Each by its steps; a file that is wrong is told. Neither speaks against the service."""
+    (tmp_path / "cell.toml").write_text(cell.read_text())
+    for text, step, says in (
+        ('[mqtt]\nhost = "127.0.0.1"\nport = 9\ntls = false\n', "tcp", "127.0.0.1:9: nobody listens there"),
+        ('[mqtt]\nhost = "h"\npassword = "credential:absent"\n', "settings", "the credential absent"),
+    ):
+        (tmp_path / "plant.toml").write_text(text)
+        document = json.loads(printed("check", "--config", str(tmp_path / "cell.toml"), "--json", code=3))
+        assert document["gateway"]["file"] == str(tmp_path / "plant.toml")
+        last = document["gateway"]["findings"][-1]
+        assert (last["step"], last["ok"], says in last["text"], document["may_run"]) == (step, False, True, True)
+    assert "gateway, gateway: settings: FAILED:" in printed("check", "--config", str(tmp_path / "cell.toml"), code=3)
 
 
 def test_a_new_arm_does_not_cost_the_report_of_the_others(cell: Path, tmp_path: Path):

@@ -14,6 +14,7 @@ import pytest
 import zenoh
 from command_line import ended, program
 from excitations import short
+from prepared import Process, run
 from sim_process import Spawned, eventually
 from simulated_arm import AT_START
 from typer.testing import CliRunner
@@ -25,6 +26,7 @@ from monitor.publish.session import session_config
 from monitor.store.recordings import read_recording
 from monitor.store.store import Store
 
+PROGRAM = (sys.executable, "-m", "monitor")
 HOST = f"127.0.6.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 
 
@@ -158,9 +160,8 @@ def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, confi
     """The stop ends the replay and is stored. It refuses the next replay also after the unlock, until a person allows motion by name."""
     path = config(approach_speed_rad_s=1.0)
     output = path.parent / "r.parquet"
-    moving = subprocess.Popen(
-        [sys.executable, "-m", "monitor", "replay", "--config", str(path), "-o", str(output)], stderr=subprocess.PIPE, text=True
-    )
+    command = [*PROGRAM, "replay", "--config", str(path), "-o", str(output)]
+    moving = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)  # as a person starts it: no other test does
     try:
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.1, 20.0)
         remote.protective_stop()
@@ -242,7 +243,7 @@ def test_a_digital_input_is_a_permit(remote, config):
     assert refused.returncode == 2
     assert "digital input 3 is off" in refused.stderr
     remote.fault("digital_input", number=3, state="on")
-    moving = subprocess.Popen(
+    moving = Process(
         [sys.executable, "-m", "monitor", "replay", "--config", str(path), "-o", str(output)], stderr=subprocess.PIPE, text=True
     )
     try:
@@ -269,7 +270,7 @@ def test_the_cells_own_program_permits_over_zenoh(remote, config, answer, code):
     endpoint = path.read_text().partition("listen = ")[2].split('"')[1]
     asked: list[dict] = []
     done: list = []
-    runner = threading.Thread(target=lambda: done.append(program("replay", "--config", path, "-o", output)))
+    runner = threading.Thread(target=lambda: done.append(run([*PROGRAM, "replay", "--config", str(path), "-o", str(output)], 100.0)))
     runner.start()
     if answer is not None:
         with zenoh.open(session_config(mode="peer", connect=(endpoint,), wait_for_peer=False)) as session:
@@ -337,7 +338,7 @@ def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, 
     path = config(approach_speed_rad_s=1.0)
     stops = len(remote.truth()["stops"])
     command = [sys.executable, "-m", "monitor", "replay", "--config", str(path), "-o", str(path.parent / "r.parquet")]
-    moving = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    moving = Process(command, stderr=subprocess.PIPE, text=True)
     try:
         assert eventually(lambda: max(abs(speed) for speed in remote.truth()["qd"]) > 0.2, 20.0)
         for number in numbers:

@@ -7,7 +7,9 @@ from command_line import printed
 
 from monitor.cli import assess as commands
 from monitor.errors import BadInput
+from monitor.studies.rehearsal.worlds import verdicts
 from monitor.studies.rehearsal.worlds.table import WORLDS
+from monitor.studies.rehearsal.worlds.verdicts import play_world
 
 CONFIG = ("rehearse", "--config", "config/monitor.toml")
 
@@ -16,6 +18,15 @@ CONFIG = ("rehearse", "--config", "config/monitor.toml")
 def test_a_world_is_played_by_its_name(world, monkeypatch):
     """As one object and as tables; here four months of sixteen arms."""
     monkeypatch.setattr(commands, "WORLD_DAYS", 120)
+    played: list[tuple] = []
+
+    def once(*given, **settings):
+        if not played:
+            played.append((given, settings, play_world(*given, **settings)))
+        assert (given, settings) == played[0][:2]  # object and tables are asked for the same
+        return played[0][2]
+
+    monkeypatch.setattr(verdicts, "play_world", once)
     options = (*CONFIG, "--world", world, "--arms", "16", "--seed", "2")
     document = json.loads(printed(*options, "--json"))
     assert document["world"] == world

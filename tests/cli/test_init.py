@@ -46,6 +46,18 @@ def test_an_arm_tells_what_it_knows_and_the_file_is_right(arm, tmp_path):
     assert f"joint-monitor run --config {path} --now" in result.stdout
 
 
+def test_a_polyscope_x_is_asked_at_the_port_of_its_robot_api(tmp_path):
+    """A simulated one may not have port 80, and the file had to be written by hand; the port is kept, and the arm tells what it can."""
+    path = tmp_path / "cell-x.toml"
+    options = ("--robot", "ur5e", "--polyscope", "10.14.0", "--robot-api-port", "18081")
+    with simulated_arm("127.0.31.4", *options) as host:
+        result = ended("init", path, "--host", host, "--robot-api-port", "18081", "--no-input", "--simulated")
+    assert result.returncode == 0, result.stderr
+    made = load(path)
+    assert (made.robot.robot_api_port, made.robot.model, made.robot.serial) == (18081, "ur5e", "20180500001")
+    assert "software 10.14.0" in result.stdout
+
+
 def test_a_person_answers_what_no_option_says(tmp_path, monkeypatch):
     """Questions come in order, a wrong answer is asked again, Enter takes the bracket."""
     monkeypatch.chdir(tmp_path)

@@ -3,6 +3,7 @@
 `python lived_monitor.py DIRECTORY [PORT]` serves its page until Enter is pressed.
 """
 
+import itertools
 import json
 import sys
 import threading
@@ -55,15 +56,54 @@ def identified(seed=0):
 
 def live_through(store, settings, found, context, days, seed=0):
     """Fill the store with so many days, one replay each, assessed as the daemon assesses it; the windows of days 9 and 25 are skipped."""
+    life = _life(settings, found, context, seed)
+    for day in range(days):
+        at = FIRST_UNIX_S + day * DAY_S
+        ledger = store.ledger.claim(at, "scheduled", at)
+        assessed = life.day(day)
+        if assessed is None:
+            store.ledger.end(ledger, "skipped", "no permission: the cell's door is open", at)
+            continue
+        store.ledger.mark_recorded(ledger)
+        for event in store.assessments.commit(ledger, at_unix_s=at + 60.0, recorded_at_unix_s=at + 40.0, **assessed):
+            store.events.mark_published(event.seq)
+
+
+class _Life:
+    """What is stored of an arm's days. It is judged once a process, however many stores begin with it."""
+
+    def __init__(self, settings, found, context, seed):
+        self.of = (settings, context, seed)
+        self.found = found
+        self._known = []
+        self._days = _judged(settings, found, context, seed)
+
+    def day(self, number):
+        while len(self._known) <= number:
+            self._known.append(next(self._days))
+        return self._known[number]
+
+
+_LIVES = []
+
+
+def _life(settings, found, context, seed):
+    for life in _LIVES:
+        if life.found is found and life.of == (settings, context, seed):
+            return life
+    _LIVES.append(_Life(settings, found, context, seed))
+    return _LIVES[-1]
+
+
+def _judged(settings, found, context, seed):
+    """What each day's replay leaves in a store; None where the window was skipped."""
     rng = np.random.default_rng(seed)
     belief = health = None
     fall = np.array([0.013, 0.016, 0.014, 0.019, 0.018, 0.015])
     level = found.temperature_c
-    for day in range(days):
-        at = FIRST_UNIX_S + day * DAY_S
+    for day in itertools.count():
         if day in {9, 25}:
-            ledger = store.ledger.claim(at, "scheduled", at)
-            store.ledger.end(ledger, "skipped", "no permission: the cell's door is open", at)
+            yield None
             continue
         warm = 5.0 + 3.0 * np.sin(day / 5.0) + COLD.get(day, 0.0) + rng.normal(0.0, 0.5, 6)
         worn = np.ones(6)
@@ -75,23 +115,17 @@ def live_through(store, settings, found, context, days, seed=0):
             viscous_nm_s_per_rad=found.viscous_nm_s_per_rad * worn * wobble * np.exp(-fall * warm),
             temperature_c=level + warm,
         )
-        now = replace(context, recorded_at_unix_s=at + 40.0)
+        now = replace(context, recorded_at_unix_s=FIRST_UNIX_S + day * DAY_S + 40.0)
         outcome = judge_identification(today, now, belief=belief, health=health, settings=settings, source=f"replay-{day + 1}")
         belief, health = outcome.belief, outcome.health
-        ledger = store.ledger.claim(at, "scheduled", at)
-        store.ledger.mark_recorded(ledger)
-        for event in store.assessments.commit(
-            ledger,
-            at_unix_s=at + 60.0,
-            recorded_at_unix_s=at + 40.0,
-            assessment=outcome.as_document(),
-            friction=[plain(joint) for joint in outcome.friction],
-            belief=belief.as_document(),
-            health=health.as_document(),
-            model=outcome.model.as_document(),
-            events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
-        ):
-            store.events.mark_published(event.seq)
+        yield {
+            "assessment": outcome.as_document(),
+            "friction": [plain(joint) for joint in outcome.friction],
+            "belief": belief.as_document(),
+            "health": health.as_document(),
+            "model": outcome.model.as_document(),
+            "events": [{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
+        }
 
 
 def grow(store, replays):

@@ -4,6 +4,7 @@ It is skipped where no Chromium or Playwright is installed.
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from browser_sizes import SIZES
 from lived_monitor import configuration, monitor
 
 from monitor.judge.document import plain
+from monitor.judge.inspection import InspectionSettings
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
 from monitor.model.joint_names import joint_name
+from monitor.publish.timestamps import outside
+from monitor.service.due import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 
@@ -145,12 +149,38 @@ def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
         assert f"{joint_name(joint)}:" in page.locator("#wear").get_attribute("aria-label")
 
 
+def test_a_joint_that_a_person_chose_stays_chosen_when_the_states_come_later(served, browser):
+    """On a slow connection the drawing is there before the joints' states are; the worst joint is then shown only to who chose none."""
+    server, _, _ = served
+    context = browser.new_context()
+    try:
+        page = context.new_page()
+        held = []
+
+        def hold(route):
+            held.append(route)
+
+        page.route("**/api/live*", hold)
+        page.goto(server.url)
+        page.locator("#tab-5").click()
+        while not held:  # the test's own time limit ends it
+            page.wait_for_timeout(50)
+        held[0].continue_()
+        expect(page.locator("#link")).to_have_text("live")
+        expect(page.locator("#joints tbody tr").nth(2)).to_contain_text("Maintenance required")
+        page.wait_for_timeout(300)  # the page looks ten times a second whether the states have come
+        expect(page.locator("#which")).to_have_text(joint_name(5))
+    finally:
+        context.close()
+
+
 def test_everything_can_be_done_by_keyboard(opened, served):
     """Arrows change tabs, Enter chooses a joint of the drawing, Tab, Escape and Enter work in the dialog; the focus is always visible."""
     _, _, store = served
     page = opened[0]()
     # Tab follows the order on the screen
-    tops = page.evaluate("[...document.querySelectorAll('main > section')].map((one) => one.getBoundingClientRect().top)")
+    shown = "[...document.querySelectorAll('main > section')].filter((one) => one.getClientRects().length)"
+    tops = page.evaluate(f"{shown}.map((one) => one.getBoundingClientRect().top)")
     assert tops == sorted(tops)
     page.locator("#tab-3").focus()
     page.keyboard.press("ArrowRight")
@@ -380,6 +410,21 @@ def test_the_language_is_chosen_by_a_link_and_remembered(opened, served):
     expect(page.locator("#alerts-h")).to_contain_text("Meldungen")
 
 
+def test_a_replay_that_waits_for_the_programs_node_is_shown_with_what_kept_it_waiting(opened, served):
+    """Due since, in both languages, as the daemon says it; then taken away again, and the next window of the clock stands there."""
+    open_, _ = opened
+    _, daemon, _ = served
+    english, german = open_(), open_(language="de")
+    due = DueReplay(key_unix_s=1.78e9, since_unix_s=1.78e9, until_unix_s=1.79e9, passed_by="payload: the controller reckons with 1.200 kg")
+    daemon.publisher.say("monitor", {"troubles": [], "due": outside(due.as_document())})
+    waits = "waiting for the program's node; at the last one: payload: the controller reckons with 1.200 kg"
+    expect(english.locator("#due")).to_contain_text("due since ")
+    expect(english.locator("#due")).to_contain_text(waits)
+    expect(german.locator("#due")).to_contain_text("fällig seit ")
+    daemon.publisher.say("monitor", {"troubles": [], "due": None})
+    expect(english.locator("#due")).not_to_contain_text("due since")
+
+
 def test_a_person_allows_motion_after_a_stop(browser, tmp_path):
     """The stop is at the top and the headline is no green one; with a name and a reason motion is allowed, and both are kept."""
     with monitor(tmp_path, days=3, moving=False, before=lambda store: store.stops.add("protective_stop", "safety mode 3", 0.0)) as (
@@ -447,3 +492,59 @@ def test_a_dark_page_is_printed_on_white(opened):
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(243, 245, 248)"
     page.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+
+
+def test_a_joint_says_what_came_from_work_and_how_far_the_next_replay_is(opened, served):
+    """Observations by replays and by work, what work holds of what is needed, and the next replay with its reason: in German."""
+    _, daemon, store = served
+    at = store.assessments.state().belief["at_unix_s"]
+    joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_work": 3, "learnt_at_unix_s": at}
+    reason = "Elbow (joint 3): it moved for 0 s in 7 days; a replay is needed"
+    why = "work does not tell enough of joint 3: after 7 days a replay is needed"
+    document = {
+        "period_began_at_unix_s": at,
+        "period_ended_at_unix_s": at,
+        "observations": 3,
+        "seen_s": 3600.0,
+        "left_out_s": {},
+        "asks": [],
+        "next_replay": {"replay": "when_needed", "needed_from_unix_s": at + 9 * 86_400.0, "why": why},
+        "joints": [{"joint": j, **joint, "reason": reason} for j in range(1, 7)],
+    }
+    page = opened[0](language="de")
+    daemon.publisher.say("from-work", document)
+    figures = page.locator("#figures")
+    expect(figures).to_contain_text("40 Prüffahrten, 3 Zeiträumen Arbeit")
+    expect(figures).to_contain_text("0,02 (Ellbogen (Gelenk 3): in 7 Tagen hat es sich 0 s bewegt; eine Prüffahrt ist nötig)")
+    expect(figures).to_contain_text("die normale Arbeit sagt nicht genug über Gelenk 3: nach 7 Tagen ist eine Prüffahrt nötig")
+    assert not ENGLISH_WORDS.search(figures.inner_text())
+
+
+def test_checks_hours_and_stops_are_shown_and_a_check_is_recorded_by_a_click(opened, served):
+    """Hidden until [inspection] asks for it; then in German too, and whoever clicks is kept with what was found."""
+    _, daemon, store = served
+    page = opened[0](language="de")
+    expect(page.locator("#inspection")).to_be_hidden()
+    settings = InspectionSettings(plan="universal-robots", hours_before=5200.0)
+    daemon.state.use(replace(daemon.state.configuration, inspection=settings))
+    at = store.assessments.state().belief["at_unix_s"]
+    store.duties.stop_began(at, int(at // 86_400.0), "protective_stop", during_replay=False)
+    store.duties.stop_explained(1, 3, "C153A2")
+    daemon.publisher.inspection()
+    expect(page.locator("#duty")).to_contain_text("5200,0 h")
+    expect(page.locator("#checks tbody tr")).to_have_count(8)
+    row = page.locator("#checks tbody tr").nth(2)
+    expect(row).to_contain_text("Flachringe")
+    expect(row).to_contain_text("fällig, nie eingetragen")
+    page.locator("#stops-kept summary").click()
+    expect(page.locator("#safety-stops")).to_contain_text("Schutzstopp")
+    expect(page.locator("#safety-stops")).to_contain_text("Ellbogen")
+    assert not ENGLISH_WORDS.search(page.locator("#checks").inner_text())
+    row.locator("button").click()
+    page.locator("#by").fill("Ada")
+    page.locator("#reason").fill("wie neu")
+    page.locator("#ok").click()
+    expect(row).to_contain_text("noch nicht fällig")
+    expect(row).to_contain_text("Ada")
+    (made,) = store.duties.inspections()
+    assert (made.item, made.done_by, made.why) == ("flat rings", "Ada", "wie neu")

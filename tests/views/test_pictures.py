@@ -8,6 +8,7 @@ import pytest
 from browser_sizes import SIZES
 from lived_monitor import DAY_S, FIRST_UNIX_S, monitor
 from PIL import Image
+from plant_screen import ALERT, PlantOfATest, documents
 
 from monitor.service.history.report import report
 from monitor.store.store import Store
@@ -54,6 +55,23 @@ def test_the_page_has_its_picture(served, browser, name, size, scheme, locale, h
     context.close()
     assert image.size == (SIZES[size]["width"], height)
     assert len(image.quantize(COLOURS).getcolors()) > 20  # a blank page has one
+
+
+def test_the_plants_screen_has_its_picture(tmp_path, browser):
+    """Forty arms of two halls: some sick, one in doubt, one whose state is of then."""
+    arms = {(f"hall-{k % 2 + 1}", f"cell-{k:02d}"): documents(model=("ur5e", "ur10e")[k % 3 == 0]) for k in range(36)}
+    arms["hall-1", "press-3"] = documents("FAILURE", alerts=[{**ALERT, "tier": "limit", "change": 0.31}])
+    arms["hall-2", "press-7"] = documents("MAINTENANCE_REQUIRED", alerts=[ALERT])
+    arms["hall-1", "weld-1"] = documents("OFF_SPEC")
+    arms["hall-2", "weld-4"] = {**documents(), "health": {**documents()["health"], "stale": True}}
+    with PlantOfATest(tmp_path, arms=arms) as plant:
+        context = browser.new_context(viewport={**SIZES["desktop"], "height": 900}, color_scheme="light", locale="en-GB", timezone_id="UTC")
+        page = context.new_page()
+        page.goto(plant.url)
+        expect(page.locator("#arms tbody tr")).to_have_count(40)
+        image = kept(page.screenshot(), "plant.png")
+        context.close()
+    assert len(image.quantize(COLOURS).getcolors()) > 20
 
 
 def test_the_report_has_its_picture(served, browser):

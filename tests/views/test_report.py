@@ -47,6 +47,12 @@ def report_of(lived, begin=None, end=None):
         return report(settings, store, begin, end, END + 8 * DAY_S)
 
 
+@pytest.fixture(scope="module")
+def both(lived):
+    """The page of two robots: the whole life, with its drawings, which take time, and a period without a verdict."""
+    return report_page([report_of(lived), report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
+
+
 def test_everything_that_happened_is_reported_with_its_evidence(lived):
     """The document has the verdict, the joints, the alert with text and transitions, and the thresholds in force."""
     whole = report_of(lived)
@@ -77,10 +83,10 @@ def test_every_replay_has_its_own_figure_of_friction_with_its_own_interval(lived
         assert np.std(np.diff(alone - truth)) > 1.5 * np.std(np.diff(estimate - truth)) or joint == WEARING
 
 
-def test_a_history_without_figures_of_single_replays_states_it(lived):
+def test_a_history_without_figures_of_single_replays_states_it(lived, both):
     """For a history of an early release the drawing has the line and its band, and the caption says why there is no point."""
     whole = report_of(lived)
-    assert "no point" not in report_page([whole])
+    assert "no point" not in both
     for row in whole["history"]:
         del row["replay_torque_nm"], row["replay_torque_std_nm"]
     assert f"Of {len(whole['history'])} of {len(whole['history'])} figures" in report_page([whole])
@@ -119,15 +125,13 @@ def test_a_period_without_assessments_states_it(lived):
     assert "<svg" not in text
 
 
-def test_the_page_needs_no_network_and_holds_what_the_document_holds(lived):
+def test_the_page_needs_no_network_and_holds_what_the_document_holds(both):
     """With two robots the page has both states, the alert's text, the reasons, the limits of the method, and a line to sign."""
-    whole = report_of(lived)
-    text = report_page([whole, report_of(lived, END + 6 * DAY_S, END + 8 * DAY_S)])
-    assert not re.search(r"<script|<link|<img|src=", text)
-    assert text.count("<svg") == 2
+    assert not re.search(r"<script|<link|<img|src=", both)
+    assert both.count("<svg") == 2
     for part in ("Maintenance required", "Elbow: Wear rising", "door is open", "flexspline", "Reviewed by", "gripper", "Not acknowledged"):
-        assert part in text, part
-    assert text.count("class=newpage") == 1
+        assert part in both, part
+    assert both.count("class=newpage") == 1
 
 
 def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
@@ -197,12 +201,11 @@ def test_a_history_without_any_window_has_nothing_to_report(tmp_path):
         report(settings, store, None, None, END)
 
 
-def test_no_figure_is_minus_zero_and_levels_differ_in_grey(lived):
+def test_no_figure_is_minus_zero_and_levels_differ_in_grey(both):
     """A figure that rounds to zero has no minus sign; the lines of tier and limit have different dashes."""
-    text = report_page([report_of(lived)])
-    words = re.sub(r"<svg.*?</svg>|<style.*?</style>", "", text, flags=re.DOTALL)
+    words = re.sub(r"<svg.*?</svg>|<style.*?</style>", "", both, flags=re.DOTALL)
     assert not re.search(r"[-\u2212]0(\.0+)?(?![\d.])", words)
-    assert len(set(re.findall(r"stroke-dasharray: ([\d., ]+)", text))) >= 3  # tier, limit, P50
+    assert len(set(re.findall(r"stroke-dasharray: ([\d., ]+)", both))) >= 3  # tier, limit, P50
     assert "5 % dashed, the limit at 30 % dash-dotted" in words
 
 
@@ -237,11 +240,10 @@ def test_a_stop_is_in_the_file_with_who_allowed_motion_again(tmp_path):
     assert "nobody: nothing moves" not in report_page([later])
 
 
-def test_the_report_leads_with_the_sentence_that_decides(lived):
+def test_the_report_leads_with_the_sentence_that_decides(both):
     """What decides stands before what it rests on: headline, dates and inspection, then joints, charts and what was not monitored."""
-    text = report_page([report_of(lived)])
     places = [
-        text.index(part) for part in ("Elbow turns 2", "At this pace it meets its limit", "Inspect", "went from", "<svg", "Reviewed by")
+        both.index(part) for part in ("Elbow turns 2", "At this pace it meets its limit", "Inspect", "went from", "<svg", "Reviewed by")
     ]
     assert places == sorted(places)
 

@@ -46,6 +46,20 @@ VERDICTS = (
     N_("in this period"),
     N_("yet (health.stale_days = {limit})"),
 )
+SILENCE = (  # of the gateway, and of the plant that it reads
+    N_("The monitor of this arm is heard again."),
+    N_("Nobody hears the monitor of this arm: {why}."),
+    N_("its monitor is gone"),
+    N_("not seen since the plant was started"),
+    N_("its monitor is there, and has said nothing for more than {seconds} s"),
+    N_("no way to it: {routers} does not answer"),
+    N_("Look at the computer of this arm's monitor, and at the network between it and the plant: until it is heard, wear goes unnoticed."),
+    N_("monitor_silent"),
+    N_("The plant's service does not run."),
+    N_("The plant's service runs again."),
+    N_("Look at the service joint-monitor-plant: until it runs, nobody follows the arms and no alert gets through."),
+    N_("plant_silent"),
+)
 ALERTS = (
     N_(
         "friction at {speed} rad/s and {temperature} °C went from {before} to {after} N·m ({change} ± {std}), temperature taken out "
@@ -55,6 +69,7 @@ ALERTS = (
         "friction at {speed} rad/s and {temperature} °C went from {before} to {after} N·m ({change} ± {std} above the lowest level held, "
         "{fall} from the beginning, reached by {date}), temperature taken out ({slope}/K); {replays} replays on {days} days in a row agree."
     ),
+    N_("Ordinary work shows this; no replay has confirmed it yet."),
     N_("Of the measured {whole}, temperature makes {temperature}, payload and context {payload}, wear {wear}, chance {chance}."),
     N_("torque that the fit does not explain is {ratio} times that of before, {change} of friction: wear at one place."),
     N_(
@@ -77,6 +92,11 @@ ALERTS = (
     N_("{joint} at {temperature} °C is outside the temperatures learnt so far, in {replays} replays in a row."),
     N_("No joint's temperature is known in {replays} replays in a row: of wear nothing is told until one is."),
     N_("the arm carries about {mass} kg {more} than in the replays before, and nobody declared it"),
+    N_(
+        "the arm carries about {mass} kg {more} than in the replays before, and nobody declared it: payload_kg says {declared} kg, "
+        "and it weighs about {weighed} kg"
+    ),
+    N_("{what}; wear is judged against a level of its own since {day}"),
     N_("Nothing moves since {when}: {why}."),
     N_("It waits for a person."),
     N_("Nothing moves since {when}: every window since then was refused; the last one: {why}."),
@@ -163,6 +183,7 @@ LIFE = (
     N_("The ± of wear does not hold for a fresh step: one of the last {days} days may be unseen up to {each}."),
 )
 WINDOWS = (
+    N_("not needed before {day} ({why})"),
     N_("missed: the arm's temperatures were not steady while the window was open"),
     N_("missed: the monitor or its host was not running, or had another replay under way"),
     N_("waiting for the program's node; none was reached yet"),
@@ -191,6 +212,14 @@ WINDOWS = (
     N_("cmd/replay: refused: this monitor schedules no replays"),
     N_("cmd/replay: refused: a replay is under way"),
     N_("allow: no stop is waiting for a person"),
+    N_("this is done at the arm itself, by its own page or joint-monitor allow"),
+    N_("{who} may {role}; this needs the role {needed}"),
+    N_("{arm} does not answer, and nothing was done: nobody hears its monitor"),
+    N_("{arm} does not answer, and nobody knows whether it was done: {why}"),
+    N_("look"),
+    N_("acknowledge"),
+    N_("move"),
+    N_("configure"),
     N_("cmd: no alert can be {kind}: no replay has been assessed yet"),
     N_("no replay has been assessed yet"),
     N_("no active alert {alert}; active: {others}"),
@@ -263,6 +292,10 @@ REFUSALS = (
     N_("{host}: no RTDE data for {seconds} s"),
     N_("{what}: the listening process died"),
     N_("connection refused"),
+    N_("replay {number} waits for its assessment, which is tried again: {why}"),
+    N_("the computing process was ended by signal {number}"),
+    N_("the computing process ended early"),
+    N_("internal: not assessed in {times} tries: {why}"),
     N_("targets came late: the controller's own target of {joint} is {far} rad from them"),
     N_("the streaming process got no processor time for {ms} ms"),
     N_("one replay serves this window and that of {when}"),
@@ -271,6 +304,27 @@ REFUSALS = (
         "weights differ from those of the replays before by {sigmas} standard deviations ({parameter} most), and no mass "
         "at the flange explains it: drive gains or the arm itself were changed"
     ),
+)
+# ordinary work: from when the next replay is needed, and why a joint is not known; a window that is left out says it without a colon
+FROM_WORK = (
+    N_("every window"),
+    N_("nothing is learnt yet"),
+    N_("the first {days} days, in which the arm is learnt"),
+    N_("{days} days after the last replay"),
+    N_("work alone has found wear of {joints}: a replay shall confirm it"),
+    N_("work alone has found wear of {joints} – a replay shall confirm it"),
+    N_("work makes wear of {joints} likely: replays shall tell"),
+    N_("work makes wear of {joints} likely – replays shall tell"),
+    N_("work does not tell enough of {joints}: after {days} days a replay is needed"),
+    N_("work does not tell enough of {joints} – after {days} days a replay is needed"),
+    N_("joint {number}"),
+    N_("joints {numbers}"),
+    N_("it moved for {seconds} s {during}; a replay is needed"),
+    N_("{share} of what is needed {during}; a replay is needed"),
+    N_("{share} of what is needed {during}; more of the same work tells no more; a replay is needed"),
+    N_("in {days} days"),
+    N_("in {days} day"),
+    N_("most motion is left out, since something else is in the hand than was declared: declare it (set_payload), or replay with it"),
 )
 # causes of a refusal or of a stop, as documents name them
 CAUSES = (
@@ -305,4 +359,16 @@ CAUSES = (
     N_("permit"),
     N_("torque_band"),
     N_("following_error"),
+    N_("violation"),
+    N_("fault"),
+    N_("blue lids"),
+    N_("blue lid screws"),
+    N_("flat rings"),
+    N_("robot cable"),
+    N_("robot cable connection"),
+    N_("robot arm mounting bolts"),
+    N_("tool mounting bolts"),
+    N_("screws and bolts on joints"),
+    N_("inspected: {item} is no check of this arm; known are {others}"),
+    N_("inspected: {item}: nothing is recorded that could be taken back"),
 )

@@ -31,11 +31,20 @@ def check_target(path: Path) -> None:
     needs_drawing("--plot")
 
 
+def lay_out(figure: "Figure") -> None:
+    """Place the axes by the figure's layout engine, once. `savefig` would draw the whole figure once more for that alone."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
 def write_picture(path: Path, figure: "Figure", title: str, legend: str | None = None) -> None:
     """Write a figure as PNG, or as SVG within one HTML file.
 
     title : of the HTML document. legend : a paragraph below the picture, in HTML only. Raises OSError.
     """
+    lay_out(figure)
     if path.suffix.lower() == ".png":
         figure.savefig(path, dpi=DPI)
         return

@@ -99,7 +99,7 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
             (of["wear_rise"], STATE_COLOURS["MAINTENANCE_REQUIRED"], "--"),
             (of["limit_rise"], STATE_COLOURS["FAILURE"], "-."),
         ):
-            if 100 * level < 1.2 * top:
+            if 100 * level < 1.2 * top or (_has_fan(rows[-1], level) and level == of["life_limit_rise"]):  # a fan leads to this line
                 one.axhline(100 * level, color=colour, lw=0.9, ls=dash)
         one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
         draw_works(one, report, j + 1, at[-1], say)
@@ -111,11 +111,17 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
     return figure
 
 
+def _has_fan(row: Mapping[str, Any], limit: float) -> bool:
+    """Whether a joint has a remaining life that can be drawn."""
+    life = row["remaining_life"]
+    return life["verdict"] == "trend" and life["p50_days"] is not None and row["wear"] < limit
+
+
 def _remaining_life_fan(one: Any, at: Sequence[datetime], row: Mapping[str, Any], limit: float) -> None:
     """Draw remaining life as a fan that ends at the limit: P10 to P90 filled, P50 dashed. It draws nothing where there is no trend."""
-    life, wear = row["remaining_life"], row["wear"]
-    if life["verdict"] != "trend" or life["p50_days"] is None or wear >= limit:
+    if not _has_fan(row, limit):
         return
+    life, wear = row["remaining_life"], row["wear"]
     ends = [np.inf if life[key] is None else life[key] for key in ("p10_days", "p50_days", "p90_days")]
     to = min(max(1.5 * (at[-1] - at[0]).days, 60.0), 1.05 * ends[2])
     parts = [min(1.0, to / end) for end in ends]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from monitor.errors import BadInput
-from monitor.views.plots.picture import needs_drawing
+from monitor.views.plots.picture import lay_out, needs_drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,6 +126,7 @@ def drawn(figure: "Figure", caption: str) -> str:
 
     drawing = io.StringIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": "joint-monitor", "font.family": "sans-serif"}):
+        lay_out(figure)
         figure.savefig(drawing, format="svg", metadata={"Date": None})
     picture = drawing.getvalue()
     return f"<figure>{picture[picture.index('<svg') :]}<figcaption>{escaped(caption)}</figcaption></figure>"

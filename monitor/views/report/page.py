@@ -15,6 +15,8 @@ from monitor.views.language.dates import full_day, moment
 from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, transitions
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
+from monitor.views.report.inspection import inspection
+from monitor.views.report.ordinary_work import from_work
 from monitor.views.report.unwatched import unwatched
 from monitor.views.report.works import work_table
 from monitor.views.units import PERCENT_PER_MONTH
@@ -82,9 +84,11 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
             )
             parts.append(drawn(friction_over_temperature(report, say), caption))
     parts += [
+        *from_work(report, say),
         *work_table(report, say),
         *transitions(report, say),
         *_contexts(report, say),
+        *inspection(report, say),
         heading(say.say("What was not monitored, and why"), 3),
     ]
     parts += [*unwatched(report, say), *_small_print(report, say)]
@@ -154,7 +158,30 @@ def _joints(report: Mapping[str, Any], say: Language) -> str:
         Column("fv [N·m·s/rad]"),
     ]
     told = [text for text in (assumptions_text(report["joints"]), unseen_steps_text(report["joints"])) if text]
-    return table(columns, rows) + "".join(paragraph(say.retell(text), "dim small") for text in told)
+    ripple = _ripple(report["joints"], say)
+    return table(columns, rows) + "".join(paragraph(text, "dim small") for text in [*map(say.retell, told), *ripple])
+
+
+def _ripple(joints: Sequence[Mapping[str, Any]], say: Language) -> list[str]:
+    """The gear ripple of each joint that shows any, as one sentence of evidence; nothing where none does."""
+    parts = []
+    for row in joints:
+        of = row.get("ripple") or {"cycles_per_turn": ()}
+        seen = [
+            f"{cycles}: {1000 * of['track_a'][k]:.0f} ± {1000 * of['track_std_a'][k]:.0f} ({1000 * of['first_a'][k]:.0f})"
+            for k, cycles in enumerate(of["cycles_per_turn"])
+            if of["track_a"][k] is not None and of["track_a"][k] > 2.0 * of["track_std_a"][k]  # more than its noise
+        ]
+        if seen:
+            parts.append(f"{say.joint(row['joint'])} {', '.join(seen)}")
+    if not parts:
+        return []
+    text = say.say(
+        "Gear ripple of the current in mA, at cycles a turn of the joint; in brackets the first replays: {joints}. It is evidence, and "
+        "raises no alert.",
+        joints="; ".join(parts),
+    )
+    return [text]
 
 
 def _life(life: Mapping[str, Any], say: Language) -> str:

@@ -17,6 +17,7 @@ from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
+from monitor.views.terminal.inspection import inspection_lines
 from monitor.views.terminal.local_times import local_times
 from monitor.views.units import PERCENT_PER_MONTH
 
@@ -70,6 +71,10 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             _print_leading(console, utc, rows[0] if rows else None, unix_s(published["said_at"]))
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
             console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {once(alert['text'])}", highlight=False, markup=False)
+    for line in from_work_lines(document.get("from_work")):
+        console.print(f"  {line}", highlight=False, markup=False)
+    for line in inspection_lines(document.get("inspection")):
+        console.print(f"  {line}", highlight=False, markup=False)
     for work in document.get("works", ()):
         console.print(f"  {work['text']}", highlight=False, markup=False)
     if document.get("monitor"):
@@ -83,6 +88,23 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             console.print(f"    {borrowed_text(row['borrowed'])}", highlight=False, markup=False)
         for nth, each in enumerate(row.get("tries", []), start=1):
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
+
+
+def from_work_lines(found: dict[str, Any] | None) -> list[str]:
+    """What came from ordinary work, as lines; none where no work was judged."""
+    if not found:
+        return []
+    shares = ", ".join(f"j{joint['joint']} {0.0 if joint['share'] is None else joint['share']:.2g}" for joint in found["joints"])
+    lines = [f"ordinary work until {found['period_ended_at']}, {found['seen_s'] / 3600.0:.1f} h: held of what is needed: {shares}"]
+    lines += [f"  {joint['reason']}" for joint in found["joints"] if joint["reason"]]
+    if found["asks"]:
+        lines.append(f"work alone has found wear of joints {', '.join(map(str, found['asks']))}: a replay shall confirm it")
+    if found.get("suspects"):
+        lines.append(f"work makes wear of joints {', '.join(map(str, found['suspects']))} likely: replays shall tell")
+    following = found["next_replay"]
+    if following["replay"] == "when_needed":
+        lines.append(f"the next replay is needed from {following['needed_from'] or 'now'}: {following['why']}")
+    return lines
 
 
 def borrowed_text(borrowed: dict[str, Any]) -> str:
@@ -173,6 +195,9 @@ def monitor_lines(document: dict[str, Any]) -> str:
         f"{'' if lag_s is None else f'last window begun {lag_s:.0f} s after its opening; '}"
         f"bus: {', '.join(f'{count} {name.replace(chr(95), chr(32))}' for name, count in lengths.items())}"
     )
+    if archive := store.get("archive"):
+        since = f", the oldest since {archive['waiting_since']}" if archive["waiting"] else ""
+        lines.append(f"  archive {archive['address']}: {archive['recordings']} recordings; {archive['waiting']} wait{since}")
     if due := document.get("due"):
         lines.append(f"  replay due since {due['since']} ({due['why']}), {due['text']}")
     lines += [f"  since {problem['since']} {problem['name']}: {problem['text']}" for problem in document["troubles"]]
@@ -201,6 +226,14 @@ def print_bus(found: list[dict[str, Any]]) -> None:
     for row in found:
         outcome = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
         console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {outcome}: {escape(row['told'])}")
+
+
+def print_gateway(found: dict[str, Any] | None) -> None:
+    """Print how far each channel gets that tells people and other systems."""
+    console = standard_output(140)
+    for row in [] if found is None else found["findings"]:
+        outcome = "[green]ok[/]" if row["ok"] else "[bold yellow]FAILED[/]"
+        console.print(f"gateway, {row['channel']}: {row['step']}: {outcome}: {escape(row['text'])}")
 
 
 def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:

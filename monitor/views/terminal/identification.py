@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from monitor.identify.signals.ripple import FAST
 from monitor.views.terminal.figures import number, pair, percent, standard_output, table_of
 
 
@@ -65,6 +66,7 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
         pairs = zip(row["torque_nm"], row["another_run_90_nm"], strict=True)
         values = "  ".join(f"{number(value, '.2f')} ± {number(half, '.2f')}" for value, half in pairs)
         console.print(f"F({row['speed_rad_s']} rad/s) and its 90 % [Nm]: {values}", highlight=False)
+    _print_ripple(console, document.get("ripple", []))
     law = friction["law"]
     if law.get("values"):
         for name in law["parameters"]:
@@ -96,6 +98,21 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
             f"payload: {payload['mass_kg']:.3f} ± {payload['mass_std_kg']:.3f} kg, centre ({centre}) m in the flange's frame",
             highlight=False,
         )
+
+
+def _print_ripple(console: Console, joints: list[dict[str, Any]]) -> None:
+    """Print the gear ripple of all joints, a line for each order; where the sample rate hides it, that is said."""
+    for order, often in enumerate(("once", "twice", "four times")):
+        pairs = [(joint["amplitude_a"][order], joint["std_a"][order]) for joint in joints]
+        if any(amplitude is not None for amplitude, _ in pairs):
+            values = "  ".join("–" if amplitude is None else f"{1000 * amplitude:.0f} ± {1000 * std:.0f}" for amplitude, std in pairs)
+            console.print(f"gear ripple, {often} a turn of the motor, in mA: {values}", highlight=False)
+        hidden = [joint for joint in joints if joint["why_not"][order] == FAST]
+        if hidden:
+            who = " ".join(str(joint["joint"]) for joint in hidden)
+            limit = max(joint["up_to_rad_s"][order] for joint in hidden)
+            text = f"gear ripple, {often} a turn of the motor: not quoted for joints {who}, which are too fast for the sample rate; "
+            console.print(f"{text}it shows ripple up to {limit:.2g} rad/s", highlight=False)
 
 
 def print_base(document: dict[str, Any]) -> None:

@@ -92,3 +92,27 @@ def campaign_progress(robots: Sequence[str]) -> Iterator[Callable[[str, str, flo
             bar.update(tasks[robot], completed=share, description=doing)
 
         yield show
+
+
+@contextmanager
+def count_progress(title: str, unit: str) -> Iterator[Callable[[str, int, int], None]]:
+    """A bar over a known number of things. Call what it yields with what is done now, how many are done, and how many there are.
+
+    Where standard error is no terminal, a line comes every LINE_EVERY_S.
+    """
+    console = Console(stderr=True)
+    shown_at = time.monotonic()
+
+    def line(phase: str, done: int, total: int) -> None:
+        nonlocal shown_at
+        if time.monotonic() - shown_at >= LINE_EVERY_S:
+            shown_at = time.monotonic()
+            print(f"{title}: {done} of {total} {unit}, {phase}", file=sys.stderr, flush=True)  # noqa: T201
+
+    if not console.is_terminal:
+        yield line
+        return
+    text = TextColumn("{task.completed:.0f} of {task.total:.0f} {task.fields[unit]}, {task.fields[phase]}")
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), text, TimeRemainingColumn(), console=console) as bar:
+        task = bar.add_task(title, total=1, unit=unit, phase="")
+        yield lambda phase, done, total: bar.update(task, phase=phase, completed=done, total=total)

@@ -1,11 +1,14 @@
-"""What the commands `assess`, `rehearse` and `reproduce` print."""
+"""What the commands `assess`, `rehearse`, `reproduce` and `prior` print."""
 
+import math
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from monitor.judge.drift.prior import LIFE_RISE, SHARES
 from monitor.model.joint_names import joint_text
 from monitor.views.terminal.arm import print_not_alerting
 from monitor.views.terminal.figures import number, standard_output, table_of, whole_percent
@@ -149,3 +152,33 @@ def print_reproduction(document: dict[str, Any], output: str | None) -> None:
     )
     if output is not None:
         console.print(f"written: {output}", markup=False)
+
+
+def print_prior(document: dict[str, Any], output: Path | None) -> None:
+    """Print what a fleet says of a new arm, one table a model, and how a configuration takes it. output : the file; None: there is none."""
+    console = standard_output(100)
+    for model, own in document["models"].items():
+        arms = f"{own['arms']} arm{'' if own['arms'] == 1 else 's'}"
+        table = table_of(
+            ("joint", "friction [N·m]", "falls [%/K]", "noise [%]", "correlation", "weight"),
+            title=f"{model}: {arms}, {own['joint_years']:.1f} joint-years",
+        )
+        for row in own["joints"]:
+            table.add_row(
+                str(row["joint"]),
+                f"{row['friction_nm']:.2f} ± {100 * row['friction_spread']:.0f} %",
+                f"{100 * row['slope_per_k']:.2f} ± {100 * row['slope_std_per_k']:.2f}",
+                f"{100 * row['noise_std']:.1f}",
+                f"{row['noise_correlation']:.2f}",
+                f"{row['noise_replays']:.0f}",
+            )
+        console.print(table)
+        if (wear := own.get("wear")) is not None:
+            paths = ", ".join(f"{100 * wear[name]:.0f} % {name}" for name in SHARES)
+            life = f"{whole_percent(LIFE_RISE)} more friction {wear['life_days']:.0f} usual days after it began"
+            paths += f"; {life}, × or ÷ {math.exp(wear['life_spread']):.1f}"
+            console.print(f"{wear['joints']} joints that wear: {paths}", soft_wrap=True, markup=False)
+    for sentence in document["learnt_from"]["left_out"]:
+        console.print(f"left out: {sentence}", soft_wrap=True, markup=False)
+    if output is not None:
+        console.print(f'for a new arm, in its configuration: [drift] prior = "{output}"', soft_wrap=True, markup=False)

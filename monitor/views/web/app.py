@@ -5,11 +5,9 @@ the same way as `cmd/*` on the bus.
 """
 
 import asyncio
-import html
 import json
 import math
 import os
-import re
 import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -25,10 +23,11 @@ from starlette.responses import JSONResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 
 from monitor.errors import BadInput, StoreError
-from monitor.views.language.catalogue import LANGUAGES, Language, best_language, language
-from monitor.views.web.access import Access
-from monitor.views.web.content import Content
+from monitor.views.language.catalogue import Language
+from monitor.views.web.access import PageAccess
+from monitor.views.web.page_content import PageContent
 from monitor.views.web.told import Told
+from monitor.views.web.worded import Worded, with_headers
 
 STATIC = {
     "page.css": "text/css",
@@ -38,21 +37,13 @@ STATIC = {
     "elements.js": "text/javascript",
     "alerts.js": "text/javascript",
     "controls.js": "text/javascript",
+    "inspection.js": "text/javascript",
     "uPlot.iife.min.js": "text/javascript",
     "uPlot.min.css": "text/css",
     "uPlot.LICENSE.txt": "text/plain",
     "icon.svg": "image/svg+xml",
 }
-HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
-COMMANDS = ("ack", "unack", "shelve", "unshelve", "serviced", "unserviced", "replay", "allow")
+COMMANDS = ("ack", "unack", "shelve", "unshelve", "serviced", "unserviced", "inspected", "uninspected", "replay", "allow")
 STREAM_PERIOD_S = 0.2  # how often a stream looks for new values: as often as live torque is published by default
 CLOCK_PERIOD_S = 5.0  # between two times in a stream: a page that misses them knows that it is cut off, and a proxy keeps the stream open
 MAX_STREAMS = 32  # browsers at once; each costs a task and a copy of what was sent to it
@@ -60,7 +51,6 @@ MAX_BODY_BYTES = 20_000  # of a command; a long reason has some hundred bytes
 BODY_TIMEOUT_S = 10.0  # for the body of a command to arrive
 WRONG_TOKEN_DELAY_S = 1.0  # before a wrong token is refused: guessing gets slow
 
-_TEXT = re.compile(r"\[\[(.+?)\]\]")  # a text of a page, to be said in the reader's language
 # the report has its style and its drawings in itself, and nothing that runs
 REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
@@ -70,22 +60,24 @@ Endpoint = Callable[[Request], Awaitable[Response]]
 class PageApp:
     """The routes. `starlette` is the application; setting `closing` ends all streams."""
 
-    def __init__(self, content: Content, access: Access) -> None:
-        self._content, self._access = content, access
+    def __init__(self, content: PageContent, access: PageAccess, base: str = "") -> None:
+        """`base` : the path below which the routes are mounted, without a slash at its end."""
+        self._content, self._access, self._base = content, access, base
         self._streams = 0
         # one at a time, and behind everything else: what it makes takes seconds of the processors that may be moving an arm
         self._maker = ThreadPoolExecutor(1, "page-maker", _step_back)
         self.closing = threading.Event()
         package = files("monitor.views.web").joinpath("static")
-        self._static = {name: package.joinpath(name).read_bytes() for name in STATIC}
+        static = {name: (package.joinpath(name).read_bytes(), kind) for name, kind in STATIC.items()}
+        self._pages = Worded(static, content.language, base)
         self._index = package.joinpath("index.html").read_text("utf-8")
         self._login = package.joinpath("login.html").read_text("utf-8")
         self._told = Told(content)
         self.starlette = Starlette(
             routes=[
                 Route("/", self._guarded(self._page)),
-                Route("/static/{name}", self._file),
-                Route("/words/{code}.js", self._words),
+                Route("/static/{name}", self._pages.file),
+                Route("/words/{code}.js", self._pages.words),
                 Route("/login", self._sign_in, methods=["GET", "POST"]),
                 Route("/api/about", self._guarded(self._about)),
                 Route("/api/history", self._guarded(self._document_of(content.history))),
@@ -105,8 +97,8 @@ class PageApp:
             if not self._access.knows_host(request):
                 return with_headers(Response("this name is not this page's", status_code=421))
             if not self._access.signed_in(request):
-                if request.url.path == "/":
-                    return with_headers(Response(self._in_words(self._login, request), status_code=401, media_type="text/html"))
+                if request.url.path == f"{self._base}/":
+                    return with_headers(Response(self._pages.in_words(self._login, request), status_code=401, media_type="text/html"))
                 return with_headers(JSONResponse({"error": "sign in first"}, status_code=401))
             return with_headers(await endpoint(request))
 
@@ -114,47 +106,30 @@ class PageApp:
 
     async def _sign_in(self, request: Request) -> Response:
         if request.method != "POST":  # a wrong token leaves a person at this address, and a reload asks for it
-            return with_headers(RedirectResponse("/", status_code=303))
-        body = await _body(request)
+            return with_headers(RedirectResponse(f"{self._base}/", status_code=303))
+        body = await read_body(request)
         given = parse_qs((body or b"").decode("utf-8", "replace")).get("token", [""])[0].strip()
         if not (self._access.knows_host(request) and self._access.same_origin(request)):
             return with_headers(Response("not from here", status_code=403))
         if not self._access.token_matches(given):
             await asyncio.sleep(WRONG_TOKEN_DELAY_S)
             return with_headers(
-                Response(self._in_words(self._login, request).replace("hidden", "", 1), status_code=401, media_type="text/html")
+                Response(self._pages.in_words(self._login, request).replace("hidden", "", 1), status_code=401, media_type="text/html")
             )
-        response = RedirectResponse("/", status_code=303)
+        response = RedirectResponse(f"{self._base}/", status_code=303)
         self._access.open_session(request, response)
         return with_headers(response)
 
     async def _page(self, request: Request) -> Response:
-        return Response(self._in_words(self._index, request).replace("%CSRF%", self._access.page_token), media_type="text/html")
-
-    def _language(self, request: Request) -> Language:
-        """The language that the address names; else that of the setting, or of the browser."""
-        named = request.query_params.get("lang", "")
-        accepted = request.headers.get("accept-language", "")
-        return language(named if named in LANGUAGES else best_language(accepted, self._content.language))
-
-    def _in_words(self, page: str, request: Request) -> str:
-        """A page with its texts, which stand in double brackets, in the reader's language."""
-        say = self._language(request)
-        return _TEXT.sub(lambda text: html.escape(say.say(text[1])), page).replace("%LANG%", say.code)
-
-    async def _words(self, request: Request) -> Response:
-        """The catalogue of a language as a script."""
-        catalogue = language(request.path_params["code"]).catalogue
-        script = f"const WORDS = {json.dumps(dict(catalogue), ensure_ascii=False)};\n"
-        return with_headers(Response(script, media_type="text/javascript"))
+        return Response(self._pages.in_words(self._index, request).replace("%CSRF%", self._access.page_token), media_type="text/html")
 
     async def _report(self, request: Request) -> Response:
         """The report on the whole history, to be printed."""
-        return await self._made(self._content.report, self._language(request), media_type="text/html")
+        return await self._made(self._content.report, self._pages.language(request), media_type="text/html")
 
     async def _history_table(self, request: Request) -> Response:
         """Friction of every replay as CSV."""
-        response = await self._made(self._content.table, self._language(request), media_type="text/csv")
+        response = await self._made(self._content.table, self._pages.language(request), media_type="text/csv")
         response.headers["Content-Disposition"] = f'attachment; filename="{self._content.file_name}.csv"'
         return response
 
@@ -171,14 +146,6 @@ class PageApp:
             response.headers["Content-Security-Policy"] = REPORT_POLICY
         return response
 
-    async def _file(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        if name not in self._static:
-            return with_headers(Response("not found", status_code=404))
-        response = with_headers(Response(self._static[name], media_type=STATIC[name]))
-        response.headers["Cache-Control"] = "no-cache"
-        return response
-
     async def _about(self, _: Request) -> Response:
         return JSONResponse(self._content.about)
 
@@ -186,7 +153,7 @@ class PageApp:
         """An endpoint that answers with what `read` returns. It reads in a thread, so that SQL does not hold up the streams."""
 
         async def endpoint(request: Request) -> Response:
-            say = self._language(request)
+            say = self._pages.language(request)
             body = await asyncio.to_thread(lambda: _encoded(say.document(read())))
             return Response(body, media_type="application/json")
 
@@ -195,7 +162,9 @@ class PageApp:
     async def _live(self, request: Request) -> Response:
         if self._streams >= MAX_STREAMS:
             return JSONResponse({"error": f"{MAX_STREAMS} browsers are looking already"}, status_code=503)
-        return StreamingResponse(self._events(self._language(request)), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
+        return StreamingResponse(
+            self._events(self._pages.language(request)), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+        )
 
     async def _events(self, say: Language) -> AsyncIterator[bytes]:
         """Server-sent events: `value` for every key that has a new value, `time` every CLOCK_PERIOD_S, until the server closes."""
@@ -224,25 +193,37 @@ class PageApp:
         """Answer like `cmd/*` on the bus; a command that does not come from our own page is refused."""
         command = request.path_params["command"]
         if command not in COMMANDS:
-            return JSONResponse({"error": f"no command {command!r}; known are {', '.join(COMMANDS)}"}, status_code=404)
+            return await self._refused(request, 404, f"no command {command!r}; known are {', '.join(COMMANDS)}")
         if not self._access.from_page(request):
-            refused = self._language(request).retell("commands come from the page itself; load it anew")
-            return JSONResponse({"error": refused}, status_code=403)
+            return await self._refused(request, 403, "commands come from the page itself; load it anew")
+        if (why := await asyncio.to_thread(self._access.refusal, request, command)) is not None:
+            return JSONResponse({"error": self._pages.language(request).retell(why)}, status_code=403)
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-            return JSONResponse({"error": "expected application/json"}, status_code=415)
-        body = await _body(request)
+            return await self._refused(request, 415, "expected application/json")
+        body = await read_body(request)
         if body is None:
-            return JSONResponse({"error": f"more than {MAX_BODY_BYTES} bytes, or slower than {BODY_TIMEOUT_S:g} s"}, status_code=413)
+            return await self._refused(request, 413, f"more than {MAX_BODY_BYTES} bytes, or slower than {BODY_TIMEOUT_S:g} s")
         try:
-            document = json.loads(body)
-            if not isinstance(document, dict):
-                raise BadInput("expected a JSON object")
-            answer = await asyncio.to_thread(self._content.act, command, document)
+            document = json.loads(body, parse_constant=_no_figure)
+            json.dumps(document, allow_nan=False)  # 1e999 is read as infinity, which would go on as null
         except (ValueError, RecursionError):
-            return JSONResponse({"error": "is no JSON"}, status_code=400)
+            return await self._refused(request, 400, "is no JSON")
+        if not isinstance(document, dict):
+            return await self._refused(request, 409, "expected a JSON object")
+        try:
+            answer = await asyncio.to_thread(self._content.act, command, self._access.signed(request, document))
         except BadInput as error:
-            return JSONResponse({"error": self._language(request).retell(str(error))}, status_code=409)
-        return JSONResponse(self._language(request).document(dict(answer)))
+            return JSONResponse({"error": self._pages.language(request).retell(str(error))}, status_code=409)
+        return JSONResponse(self._pages.language(request).document(dict(answer)))
+
+    async def _refused(self, request: Request, status: int, why: str) -> Response:
+        """The answer to a command that is none, or comes from elsewhere; it is noted."""
+        await asyncio.to_thread(self._access.note, request, request.path_params["command"], why)
+        return JSONResponse({"error": self._pages.language(request).retell(why)}, status_code=status)
+
+
+def _no_figure(name: str) -> float:
+    raise ValueError(f"{name} is no figure")
 
 
 def _step_back() -> None:
@@ -251,7 +232,7 @@ def _step_back() -> None:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)  # Linux takes the number of a thread here
 
 
-async def _body(request: Request) -> bytes | None:
+async def read_body(request: Request) -> bytes | None:
     """At most MAX_BODY_BYTES bytes; None where there are more, or they do not arrive within BODY_TIMEOUT_S."""
     body = b""
     try:
@@ -267,10 +248,3 @@ async def _body(request: Request) -> bytes | None:
 
 def _encoded(document: dict[str, Any]) -> bytes:
     return json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
-
-
-def with_headers(response: Response) -> Response:
-    """The response with HEADERS, where it does not set them itself."""
-    for name, value in HEADERS.items():
-        response.headers.setdefault(name, value)
-    return response

@@ -1,50 +1,33 @@
 """What the page shows beside the bus's last values: the history thinned for a screen, windows and events, and the monitor's own state."""
 
+import json
 import logging
-import math
 import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from monitor import __version__
+from monitor.acquire.schedule.needed import WHEN_NEEDED
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.windows import expected
 from monitor.errors import BadInput
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import rfc3339, unix_s
 from monitor.store.store import Store
 from monitor.views.marks import Mark, mark_text, marks
+from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, BusAccess, columns, thinned
 from monitor.views.windows import runs
 
 log = logging.getLogger(__name__)
 
 MOST_LETTERS = 2000  # of a name or a reason
-MAX_REPLAYS = 400  # in a joint's line; more would be less than three pixels apart
-NEWEST_REPLAYS = 60  # all of them are shown, as a change shows there first
-EVENTS = 60  # newest transitions of alerts in the page's list
 PAST_WINDOWS = 400  # newest windows, of which the page lists those that ended alike as one
 COMING_WINDOWS = 5
 COUNTED_WINDOWS = 200  # newest windows of which the page counts how they ended
-DIGITS = 5  # significant digits of a figure that becomes a pixel
-SERIES = (  # fields of a friction document that the page draws
-    "wear", "wear_std", "viscous_nm_s_per_rad", "temperature_c", "reference_torque_nm", "replay_torque_nm", "replay_torque_std_nm",
-)  # fmt: skip
-
-
-class BusAccess(Protocol):
-    """What the page needs of the bus."""
-
-    dropped: int  # documents that could not be sent
-
-    def last_payloads(self) -> dict[str, bytes]:
-        """The last value of every key, encoded as it was sent."""
-
-    def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The answer to a query on a key. Raises BadInput where the query is refused."""
 
 
 @dataclass(slots=True)
@@ -144,7 +127,12 @@ class Content:
 
     def _coming(self) -> list[dict[str, Any]]:
         """The next windows with the reason of each; that of a window that waits for the arm says so."""
-        found = expected(self.schedule_settings, self.now(), COMING_WINDOWS, self.store.ledger, str(self.about.get("key_prefix", "")))
+        since = self.now()
+        payload = self.bus.last_payloads().get("from_work") if self.schedule_settings.replay == WHEN_NEEDED else None
+        needed_from = None if payload is None else json.loads(payload)["next_replay"]["needed_from"]
+        if needed_from is not None:
+            since = max(since, unix_s(needed_from) - self.schedule_settings.grace_s)
+        found = expected(self.schedule_settings, since, COMING_WINDOWS, self.store.ledger, str(self.about.get("key_prefix", "")))
         return [{"opens": rfc3339(w.opens_unix_s), "closes": rfc3339(w.closes_unix_s), "why": w.why} for w in found]
 
     def monitor(self) -> dict[str, Any]:
@@ -166,30 +154,6 @@ class Content:
             "last_windows": counts,
             "stops": [stop.text for stop in self.store.stops.waiting()],
         }
-
-
-def thinned(ids: Sequence[int], most: int, newest: int) -> list[int]:
-    """About `most` of the numbers in their order: the `newest` last ones all, the others evenly spaced from the first."""
-    old, new = ids[:-newest], ids[-newest:]
-    every = max(1, math.ceil(len(old) / max(1, most - newest)))
-    return [*old[::every], *new]
-
-
-def columns(rows: Sequence[tuple[int, int, float, dict[str, Any]]]) -> dict[str, Any]:
-    """Times [s since 1970], and for every joint a column of each figure; from rows (replay, joint, time, document)."""
-    at: dict[int, int] = {}
-    times: list[float] = []
-    for replay, _, when, _ in rows:
-        if replay not in at:
-            at[replay] = len(times)
-            times.append(round(when))
-    joints: dict[int, dict[str, list[float | None]]] = {}
-    for replay, joint, _, document in rows:
-        own = joints.setdefault(joint, {name: [None] * len(times) for name in SERIES})
-        for name in SERIES:
-            value = document.get(name)
-            own[name][at[replay]] = None if value is None else float(f"{value:.{DIGITS}g}")
-    return {"t": times, "joints": {str(joint): joints[joint] for joint in sorted(joints)}}
 
 
 def _resident_mb() -> float | None:

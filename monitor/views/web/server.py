@@ -3,15 +3,16 @@
 import logging
 import socket
 import threading
-from typing import Any
+from typing import Any, Self
 
 import uvicorn
+from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from monitor.errors import BusError
 from monitor.views.web.access import Access, local_hosts
 from monitor.views.web.app import PageApp
-from monitor.views.web.content import Content
+from monitor.views.web.page_content import PageContent
 from monitor.views.web.settings import PageSettings
 
 log = logging.getLogger(__name__)
@@ -25,30 +26,33 @@ STOP_S = 5.0  # how long the monitor waits for the server's thread
 COOKIE = "joint-monitor-{port}"  # a browser sends a host's cookies to all of its ports, so each monitor of a machine has its own name
 
 
-class PageServer:
-    """A context manager; it serves until the context ends. `url` is the page's address."""
+class WebServer:
+    """Serves one application in a thread of its own. A context manager; `serve` begins, the context's end ends it."""
 
-    def __init__(self, settings: PageSettings, content: Content, token: str | None = None) -> None:
-        """Begin to serve. token : what a browser must enter; None serves everybody who reaches the page.
-
-        Raises BusError where the address is taken.
-        """
-        host, port = settings.address()
+    def __init__(self, listen: str, host: str, port: int, what: str) -> None:
+        """Take the address. `listen` and `what` are named in messages. Raises BusError where the address is taken."""
+        self._what = what
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             self._socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
         except OSError as error:
-            raise BusError(f"page: cannot listen on {settings.listen}: {error.strerror}") from None
+            raise BusError(f"{what}: cannot listen on {listen}: {error.strerror}") from None
         # asyncio sets it only for a socket that was made with IPPROTO_TCP; without it each answer waits 40 ms for an acknowledgement
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        port = int(self._socket.getsockname()[1])
-        self.url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
-        self._app = PageApp(content, Access(token, COOKIE.format(port=port), local_hosts(host, port) if token is None else None))
+        self.port = int(self._socket.getsockname()[1])
+        self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        self._closing: threading.Event | None = None
+        self._server: uvicorn.Server | None = None
+        self._thread: threading.Thread | None = None
+
+    def serve(self, application: ASGIApp, closing: threading.Event, remark: str = "") -> None:
+        """Begin. `closing` is set when it ends, for the streams of the application."""
         config = uvicorn.Config(
-            self._app.starlette,
+            application,
             log_config=None,
             access_log=False,
             server_header=False,
+            proxy_headers=False,  # who asks is the other end of the connection; what a proxy says is judged where it is believed
             lifespan="off",
             http=_ClosesIdleConnections,
             limit_concurrency=MAX_CONNECTIONS,
@@ -58,25 +62,41 @@ class PageServer:
         )
         # invalid requests of strangers must not fill the journal
         logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
+        self._closing = closing
         self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(self._server,), name=self._what, daemon=True)
         self._thread.start()
-        log.info("page on %s%s", self.url, " (asks for a token)" if token else "")
+        log.info("%s on %s%s", self._what, self.url, remark)
 
-    def _run(self) -> None:
+    def _run(self, server: uvicorn.Server) -> None:
         try:
-            self._server.run(sockets=[self._socket])
+            server.run(sockets=[self._socket])
         except Exception:  # the monitor goes on without its page
-            log.exception("page: the server ended")
+            log.exception("%s: the server ended", self._what)
 
-    def __enter__(self) -> "PageServer":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._app.closing.set()
-        self._server.should_exit = True
-        self._thread.join(timeout=STOP_S)
+        if self._server is not None and self._closing is not None and self._thread is not None:
+            self._closing.set()
+            self._server.should_exit = True
+            self._thread.join(timeout=STOP_S)
         self._socket.close()
+
+
+class PageServer(WebServer):
+    """The page of one arm. A context manager; it serves until the context ends. `url` is the page's address."""
+
+    def __init__(self, settings: PageSettings, content: PageContent, token: str | None = None) -> None:
+        """Begin to serve. token : what a browser must enter; None serves everybody who reaches the page.
+
+        Raises BusError where the address is taken.
+        """
+        host, port = settings.address()
+        super().__init__(settings.listen, host, port, "page")
+        app = PageApp(content, Access(token, COOKIE.format(port=self.port), local_hosts(host, self.port) if token is None else None))
+        self.serve(app.starlette, app.closing, " (asks for a token)" if token else "")
 
 
 class _ClosesIdleConnections(H11Protocol):

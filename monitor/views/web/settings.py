@@ -33,19 +33,12 @@ class PageSettings:
 
     def address(self) -> tuple[str, int]:
         """Host and port. Raises BadInput."""
-        host, _, port = self.listen.rpartition(":")
-        if not host or not (port.isascii() and port.isdigit() and 0 <= int(port) <= 65535):
-            raise BadInput(f"page: listen = {self.listen!r}; expected HOST:PORT, e.g. 127.0.0.1:8420")
-        return host.strip("[]"), int(port)
+        return address_of(self.listen, "page")
 
     @property
     def loopback(self) -> bool:
         """Whether only this machine can reach the page."""
-        host, _ = self.address()
-        try:
-            return ipaddress.ip_address(host).is_loopback
-        except ValueError:
-            return host == "localhost"
+        return is_loopback(self.address()[0])
 
     def token(self, directory: Path) -> str | None:
         """The token; None where none is asked for. A relative `token_file` begins at `directory`.
@@ -64,3 +57,19 @@ class PageSettings:
                 f"page: token_file {path}: holds {len(token)} characters; expected {SHORTEST_TOKEN} or more: openssl rand -hex 16"
             )
         return token
+
+
+def address_of(listen: str, what: str) -> tuple[str, int]:
+    """Host and port of HOST:PORT. `what` names the section in a message. Raises BadInput."""
+    host, _, port = listen.rpartition(":")
+    if not host or not (port.isascii() and port.isdigit() and 0 <= int(port) <= 65535):
+        raise BadInput(f"{what}: listen = {listen!r}; expected HOST:PORT, e.g. 127.0.0.1:8420")
+    return host.strip("[]"), int(port)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach the address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

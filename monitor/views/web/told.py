@@ -7,7 +7,7 @@ from typing import Any
 
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import Language
-from monitor.views.web.content import Content
+from monitor.views.web.page_content import PageContent
 
 Payloads = list[tuple[str, bytes]]
 
@@ -15,7 +15,7 @@ Payloads = list[tuple[str, bytes]]
 class Told:
     """Puts the last values of the bus into words."""
 
-    def __init__(self, content: Content) -> None:
+    def __init__(self, content: PageContent) -> None:
         self._content = content
 
     async def tell(self, new: Payloads, last: Mapping[str, bytes], say: Language) -> Payloads:
@@ -55,4 +55,4 @@ class Told:
 
 def _has_words(key: str) -> bool:
     """Whether the values of a key have sentences for people."""
-    return key.startswith("alert/") or key in {"health", "monitor", "replay"} or key.endswith(("/friction", "/work"))
+    return key.startswith("alert/") or key in {"health", "monitor", "replay", "from_work"} or key.endswith(("/friction", "/work"))

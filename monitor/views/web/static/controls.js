@@ -12,18 +12,18 @@ function ask(command, what, title, text) {
   if (command === "shelve") $("hours").value = "24";
   $("by").value = localStorage.getItem("joint-monitor-name") || "";
   $("reason").value = "";
-  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), unack: t("Take back"), unshelve: t("Show again"), serviced: t("Declare the work"), unserviced: t("Take back") }[command];
+  $("ok").textContent = { ack: t("Acknowledge"), shelve: t("Shelve"), replay: t("Ask for a replay"), allow: t("Allow motion"), unack: t("Take back"), unshelve: t("Show again"), serviced: t("Declare the work"), unserviced: t("Take back"), inspected: t("Record the check") }[command];
   $("work").hidden = $("kind").disabled = $("at").disabled = command !== "serviced";
   $("at").value = new Date(now()).toISOString().slice(0, 10);
   $("at").max = $("at").value;
   $("fields").hidden = false; $("ok").hidden = false; $("cancel").textContent = t("Cancel");
-  $("reason").required = ["allow", "serviced", "unserviced"].includes(command);  // somebody will ask why it moves again
+  $("reason").required = ["allow", "serviced", "unserviced", "inspected"].includes(command);  // somebody will ask why it moves again
   $("dialog").showModal();
   ($("by").value ? $("reason") : $("by")).focus();
 }
 
 $("cancel").addEventListener("click", () => $("dialog").close());
-$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else if (pending.command === "allow") ($("allow") || $("replay")).focus(); else if (pending.command === "unserviced") ($("undo") || $(`tab-${chosen}`)).focus(); else refocus(pending.key, pending.command); });
+$("dialog").addEventListener("close", () => { if (pending.command === "replay") $("replay").focus(); else if (pending.command === "allow") ($("allow") || $("replay")).focus(); else if (pending.command === "unserviced") ($("undo") || $(`tab-${chosen}`)).focus(); else if (pending.command === "inspected") $("checks").querySelector("button").focus(); else refocus(pending.key, pending.command); });
 $("form").addEventListener("submit", async (event) => {
   event.preventDefault();
   const { command, what } = pending;
@@ -37,7 +37,7 @@ $("form").addEventListener("submit", async (event) => {
   localStorage.setItem("joint-monitor-name", request.by);
   $("ok").disabled = true;
   try {
-    const answer = await fetch(`/api/cmd/${command}?lang=${LANG}`, {
+    const answer = await fetch(`${BASE}/api/cmd/${command}?lang=${LANG}`, {
       method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
     });
     const reply = await answer.json();
@@ -59,7 +59,7 @@ $("replay").addEventListener("click", () => ask("replay", {}, t("Ask for a repla
 $("languages").addEventListener("click", (event) => { if (event.target.dataset.lang) localStorage.setItem("joint-monitor-language", event.target.dataset.lang); });
 {
   const wanted = localStorage.getItem("joint-monitor-language");
-  if (wanted && wanted !== LANG && !location.search) location.replace(`/?lang=${encodeURIComponent(wanted)}`);
+  if (wanted && wanted !== LANG && !location.search) location.replace(`${BASE}/?lang=${encodeURIComponent(wanted)}`);
 }
 
 $("theme").addEventListener("click", () => {

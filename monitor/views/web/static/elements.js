@@ -2,6 +2,7 @@
 "use strict";
 const $ = (id) => document.getElementById(id);
 const LANG = document.documentElement.lang;
+const BASE = document.querySelector("meta[name=base]").content;  // where the page lies: empty, or a path of a plant's screen
 const LOCALE = (navigator.languages || []).find((one) => one.toLowerCase().startsWith(LANG)) || LANG;  // a region has its own dates
 // a text in the page's language, with values in its places
 const t = (text, values) => (WORDS[text] || text).replace(/\{(\w+)\}/g, (place_, name) => (values && name in values ? values[name] : place_));
@@ -69,7 +70,7 @@ function life(row) {
   return t(years ? "{middle} years ({early}–{late})" : "{middle} days ({early}–{late})", { early: span(ends[0]), middle: span(ends[1]), late: span(ends[2]) });
 }
 async function read(path) {
-  const answer = await fetch(`${path}?lang=${LANG}`, { credentials: "same-origin" });
+  const answer = await fetch(`${BASE}${path}?lang=${LANG}`, { credentials: "same-origin" });
   if (answer.status === 401) location.reload();
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
   return answer.json();

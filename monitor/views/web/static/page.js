@@ -3,7 +3,7 @@
 const SILENT_MS = 20000;  // without an event for so long the connection counts as lost: the monitor sends its time every 5 s
 const UNHEARD_MS = 15000;  // without live torque for so long the arm counts as not received: it comes every 10 s at least
 const values = {};
-let about = null, past = { t: [], joints: {}, marks: [], replays: 0 }, drawing = null, charts = null, chosen = null;
+let about = null, past = { t: [], joints: {}, marks: [], replays: 0 }, drawing = null, charts = null, chosen = null, choice = false;
 let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, torqueAt = null;
 
 const friction = (joint) => values[`joint/${joint}/friction`];
@@ -119,6 +119,26 @@ function worked() {
   $("worked").append(button);
 }
 
+// the slow track of each order that is more than its noise: evidence beside the state, and never a reason of it
+function rippleOf(own) {
+  const ripple = own.ripple;
+  if (!ripple) return "";
+  const shown = ripple.cycles_per_turn.flatMap((cycles, k) => ripple.track_a[k] == null || ripple.track_a[k] < 2 * ripple.track_std_a[k] ? []
+    : [`${cycles}: ${number(1000 * ripple.track_a[k], 0)} ± ${number(1000 * ripple.track_std_a[k], 0)} (${t("at first {value}", { value: number(1000 * ripple.first_a[k], 0) })})`]);
+  return shown.join(", ");
+}
+
+// what came from the arm's ordinary work and what from replays, and how far the next replay is
+function fromWork() {
+  const found = values.from_work, own = found && found.joints[chosen - 1];
+  if (!own) return [];
+  const next = found.next_replay, when = next.needed_from && Date.parse(next.needed_from) > now() ? moment(next.needed_from) : t("now");
+  const held = `${own.share == null ? "–" : number(own.share, 2)}${own.reason ? ` (${own.reason})` : ""}`;
+  return [[t("Learned from"), t("{replays} replays, {periods} periods of work", { replays: own.learnt_from_replays, periods: own.learnt_from_work })],
+    [t("Held from work, 1 being enough"), held],
+    ...(next.replay === "when_needed" ? [[t("Next replay needed"), `${when} (${next.why})`]] : [])];
+}
+
 function figures() {
   if (!chosen) return;
   worked();
@@ -138,11 +158,12 @@ function figures() {
       [t("Viscous friction fv"), `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} N·m·s/rad`],
       [t("Temperature, last replay"), `${number(own.temperature_c)} °C`],
       ...(own.unseen_step == null ? [] : [[t("Fresh step"), t("one of the last {days} days may be unseen up to {percent} %", { days: number(own.unseen_step_days, 0), percent: number(100 * own.unseen_step, 0) })]]),
+      ...(rippleOf(own) ? [[t("Gear ripple, mA at cycles a turn"), rippleOf(own)]] : []),
       ...(own.remaining_life.before_service_probability == null ? [] : [[t("Limit before the next service, {days} days", { days: about.life.service_days }), `${number(100 * own.remaining_life.before_service_probability, 0)} %`]]),
       ...(assumed ? [[t("Time left assumes"), assumed]] : []),
     );
   }
-  rows.push([t("Time left to the limit"), life(own)], [t("Learned of it last"), state.learnt_at ? moment(state.learnt_at) : t("never")]);
+  rows.push([t("Time left to the limit"), life(own)], [t("Learned of it last"), state.learnt_at ? moment(state.learnt_at) : t("never")], ...fromWork());
   physics.push([t("Why"), sentence(state.why) || "–"]);
   pairs($("figures"), rows);
   pairs($("physics"), physics);
@@ -162,10 +183,16 @@ function detail() {
   drawing.chosen(chosen);
 }
 
-function choose(joint) {
+function show(joint) {
   chosen = joint;
   joints();
   detail();
+}
+
+// what a person chose stays: no document that comes later chooses again
+function choose(joint) {
+  choice = true;
+  show(joint);
 }
 
 function live() {
@@ -223,7 +250,7 @@ async function self() {
   verdict();
   const hours = own.up_s / 3600, up = hours < 1 ? t("{count} min", { count: number(own.up_s / 60, 0) }) : hours < 72 ? t("{count} h", { count: number(hours, 1) }) : t("{count} days", { count: number(hours / 24, 0) });
   const rows = [[t("Version"), own.version], [t("Computer"), (values.info && values.info.host) || "–"], [t("Running for"), up],
-    [t("Memory"), `${number(own.resident_mb, 0)} MB`], [t("History"), `${number(own.history_mb, 1)} MB`], [t("Disk free"), `${number(own.disk_free_gb, 1)} GB (${number(100 * own.disk_free_share, 0)} %)`],
+    [t("Memory"), `${number(own.resident_mb, 0)} MB`], [t("History"), `${number(own.history_mb, 1)} MB`], [t("Disk free"), `${number(own.disk_free_gb, 1)} GB${own.disk_free_share == null ? "" : ` (${number(100 * own.disk_free_share, 0)} %)`}`],
     [t("Documents dropped"), String(own.documents_dropped)], [t("Last windows"), Object.entries(own.last_windows).map(([state, n]) => `${n} ${t(state)}`).join(", ") || t("none")],
     [t("Its clock"), moment(own.now, true)]];
   const document_ = values.monitor;  // null until the monitor has published it
@@ -253,13 +280,14 @@ function take(key, document_) {
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }
   if (key.endsWith("/work")) { worked(); soon(); }
-  if (key === "health" || key.endsWith("/friction")) figures();
+  if (key === "inspection") duties(document_);
+  if (key === "health" || key === "from_work" || key.endsWith("/friction")) figures();
 }
 
 function listen() {
   if (stream) stream.close();
   heard = Date.now();
-  stream = new EventSource(`/api/live?lang=${LANG}`);
+  stream = new EventSource(`${BASE}/api/live?lang=${LANG}`);
   stream.addEventListener("time", (event) => { heard = Date.now(); clock = { time: Number(event.data), at: heard }; });
   stream.addEventListener("value", (event) => {
     heard = Date.now();
@@ -315,17 +343,17 @@ async function begin() {
   setInterval(() => self().catch(report), 30000);
   setInterval(tick, 1000);
   $("zone").textContent = t("Times are those of {zone}.", { zone: Intl.DateTimeFormat().resolvedOptions().timeZone });
-  for (const [code, name] of Object.entries(about.languages)) if (code !== LANG) $("languages").append(make("a", name, { href: `/?lang=${code}`, lang: code, hreflang: code, "data-lang": code }));
-  let first = true;
+  $("home").hidden = !BASE;  // this page is one of a plant's screen
+  $("home").href = `/?lang=${LANG}`;
+  for (const [code, name] of Object.entries(about.languages)) if (code !== LANG) $("languages").append(make("a", name, { href: `${BASE}/?lang=${code}`, lang: code, hreflang: code, "data-lang": code }));
   const worst = () => {  // the joint in the worst state is shown first
-    if (!first || !values.health) return;
-    first = false;
+    if (choice) return;
     const order = Object.keys(STATES);
     const bad = [...(values.health.joints || [])].sort((a, b) => order.indexOf(b.state) - order.indexOf(a.state))[0];
-    if (bad && bad.state !== "NORMAL") choose(bad.joint);
+    if (bad && bad.state !== "NORMAL") show(bad.joint);
   };
   listen();
-  const wait = setInterval(() => { worst(); if (!first) clearInterval(wait); }, 100);
+  const wait = setInterval(() => { if (!choice && !values.health) return; clearInterval(wait); worst(); }, 100);
 }
 
 const kept = localStorage.getItem("joint-monitor-theme");

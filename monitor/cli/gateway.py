@@ -1,0 +1,89 @@
+"""The command `gateway …`: what the plant knows, told to people and to other systems."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from monitor.cli.options import Commands, Group, JsonOption, print_json
+from monitor.cli.plant_file import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
+from monitor.cli.service import EXIT_CONFIG
+from monitor.errors import BadConfiguration
+
+if TYPE_CHECKING:
+    from monitor.gateway.settings import GatewayConfiguration
+
+
+def gateway(context: typer.Context, config: PlantOption = None, only_check: OnlyCheckOption = False) -> None:
+    """Tell people and other systems what the plant knows: mail, webhooks, work orders and more. Without a further word: `run`."""
+    run_alone(context, run, config, only_check)
+
+
+def run(config: PlantOption = None, only_check: OnlyCheckOption = False) -> None:
+    """Tell what the plant copies, until SIGTERM. Exit 78: the configuration is wrong, or no channel is configured."""
+    try:
+        configuration = _loaded(config)
+        configuration.expect_channel()
+        if only_check:
+            typer.echo(f"{configuration.path or 'the default configuration'} is right; channels: {', '.join(configuration.enabled)}")
+            return
+        _serve(configuration)
+    except BadConfiguration as error:
+        typer.echo(f"joint-monitor: {error}", err=True)
+        raise typer.Exit(EXIT_CONFIG) from None
+
+
+def check(
+    config: PlantOption = None,
+    send: Annotated[bool, typer.Option("--send", help="Also send a test message to everybody whom [notify] names.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Tell how far each channel gets: name, TCP, TLS, authentication, authorisation. Exit 3: one gets nowhere, or none is configured."""
+    from monitor.gateway.check import check_all
+
+    configuration = _loaded(config)
+    found = check_all(configuration, send=send)
+    if as_json:
+        print_json([finding._asdict() for finding in found])
+    else:
+        for finding in found:
+            typer.echo(f"{finding.channel}: {finding.step}: {'' if finding.ok else 'FAILED: '}{finding.text}")
+        if not configuration.enabled:
+            typer.echo(f"no channel is configured in {configuration.path or 'any file'}: nobody is told of anything")
+    raise typer.Exit(0 if configuration.enabled and all(finding.ok for finding in found) else 3)
+
+
+def status(config: PlantOption = None, as_json: JsonOption = False) -> None:
+    """Tell what is owed to whom, what was given up, and each channel's trouble; whether the gateway runs or not."""
+    from monitor.gateway.status import as_document, as_lines, gateway_status
+
+    with plant_database(config) as database:  # it needs no secret of a channel
+        found = gateway_status(database)
+    if as_json:
+        print_json(as_document(found))
+        return
+    for line in as_lines(found):
+        typer.echo(line)
+
+
+def _loaded(config: Path | None) -> "GatewayConfiguration":
+    from monitor.gateway.settings import load_gateway
+
+    return load_gateway(plant_path(config))
+
+
+def _serve(configuration: "GatewayConfiguration") -> None:
+    from monitor.gateway.run import serve
+    from monitor.service.systemd import log_as_a_service
+
+    log_as_a_service("plant", "gateway")
+    for name in configuration.overrides:
+        logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
+    serve(configuration)
+
+
+WORDS: dict[str, Callable[..., None]] = {"run": run, "check": check, "status": status}
+COMMANDS: Commands = {}
+GROUPS = {"gateway": Group(gateway, WORDS)}

@@ -1,0 +1,64 @@
+"""The files of a page, and its texts in the reader's language: what every application that serves pages does alike."""
+
+import html
+import json
+import re
+from collections.abc import Mapping
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from monitor.views.language.catalogue import LANGUAGES, Language, best_language, language
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+_TEXT = re.compile(r"\[\[(.+?)\]\]")  # a text of a page, to be said in the reader's language
+
+
+class Worded:
+    """Files by name, with their media types, and pages in words."""
+
+    def __init__(self, static: Mapping[str, tuple[bytes, str]], named: str, base: str = "") -> None:
+        """Named : the setting of the language, which may be `browser`. base : the path below which the page is mounted."""
+        self._static, self._named, self._base = static, named, base
+
+    def language(self, request: Request) -> Language:
+        """The language that the address names; else that of the setting, or of the browser."""
+        named = request.query_params.get("lang", "")
+        accepted = request.headers.get("accept-language", "")
+        return language(named if named in LANGUAGES else best_language(accepted, self._named))
+
+    def in_words(self, page: str, request: Request) -> str:
+        """A page with its texts, which stand in double brackets, in the reader's language."""
+        say = self.language(request)
+        worded = _TEXT.sub(lambda text: html.escape(say.say(text[1])), page)
+        return worded.replace("%LANG%", say.code).replace("%BASE%", html.escape(self._base))
+
+    async def words(self, request: Request) -> Response:
+        """The catalogue of a language as a script."""
+        catalogue = language(request.path_params["code"]).catalogue
+        script = f"const WORDS = {json.dumps(dict(catalogue), ensure_ascii=False)};\n"
+        return with_headers(Response(script, media_type="text/javascript"))
+
+    async def file(self, request: Request) -> Response:
+        """One of the files."""
+        found = self._static.get(request.path_params["name"])
+        if found is None:
+            return with_headers(Response("not found", status_code=404))
+        response = with_headers(Response(found[0], media_type=found[1]))
+        response.headers["Cache-Control"] = "no-cache"
+        return response
+
+
+def with_headers(response: Response) -> Response:
+    """The response with HEADERS, where it does not set them itself."""
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
+    return response
