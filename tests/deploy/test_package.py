@@ -48,10 +48,18 @@ def test_a_package_of_an_installed_tree_holds_unit_user_and_program(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is absent")
-def test_systemd_takes_the_unit_that_is_shipped(tmp_path):
+@pytest.mark.parametrize(
+    ("shipped", "started"),
+    [
+        ("joint-monitor@.service", "joint-monitor@cell-1.service"),
+        ("joint-monitor-plant.service", "joint-monitor-plant.service"),
+        ("joint-monitor-gateway.service", "joint-monitor-gateway.service"),
+    ],
+)
+def test_systemd_takes_the_unit_that_is_shipped(tmp_path, shipped, started):
     """`systemd-analyze verify` of an instance finds nothing wrong."""
-    unit = tmp_path / "joint-monitor@cell-1.service"
-    text = (ROOT / "deploy/joint-monitor@.service").read_text("utf-8")
+    unit = tmp_path / started
+    text = (ROOT / "deploy" / shipped).read_text("utf-8")
     unit.write_text(text.replace("/opt/joint-monitor/bin/joint-monitor", "/bin/true"))  # the program is not installed here
     checked = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, timeout=60, check=False)
     assert checked.returncode == 0, checked.stderr
@@ -64,8 +72,8 @@ def test_a_container_is_built_from_what_a_service_needs():
     for line in re.findall(r"^COPY (?!--from)(.+)", text, re.MULTILINE):
         for name in line.split()[:-1]:
             assert (ROOT / name).exists(), name
-    assert "[plots]" in text
-    assert "dev" not in re.findall(r"\[(\w+)\]", text)
+    assert "[plots,plant,archive,gateway]" in text
+    assert "dev" not in re.findall(r"\[([\w,]+)\]", text)
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert not any(name.startswith("matplotlib") for name in extras["dependencies"])
     assert any(name.startswith("matplotlib") for name in extras["optional-dependencies"]["plots"])
