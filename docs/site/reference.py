@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from monitor.cli.main import app
+from monitor.cli.main import every_command
 from monitor.config.load import load
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.registry import KINDS, Delivery
@@ -100,7 +100,7 @@ def allowed(hint: Any, value: str) -> str:
         return names[hint] + bounds
     parts = [part for part in get_args(hint) if part not in {type(None), ...}]
     if get_origin(hint) is tuple:
-        return f"list of {'numbers' if parts[0] is float else 'texts'}"
+        return f"list of {'tables' if dataclasses.is_dataclass(parts[0]) else 'numbers' if parts[0] is float else 'texts'}"
     if parts and all(isinstance(part, str) for part in parts):  # Literal
         return " or ".join(f"`{part}`" for part in parts)
     if parts:  # X | None
@@ -132,9 +132,8 @@ def configuration_page() -> str:
 def commands_page() -> str:
     """docs/commands.md: every command with its arguments and options."""
     text = MADE.format(source="the commands themselves") + COMMANDS_HEAD
-    group: Any = typer.main.get_command(app)
-    for name, command in sorted(group.commands.items()):
-        context = group.context_class(command, info_name=f"joint-monitor {name}")
+    for name, command in sorted(every_command()):
+        context = typer.Context(command, info_name=f"joint-monitor {name}")
         usage = " ".join([f"joint-monitor {name}", *command.collect_usage_pieces(context)])
         text += f"\n## {name}\n\n{' '.join((command.help or '').split())}\n\n```text\n{usage}\n```\n"
         records = [record for each in command.params if (record := each.get_help_record(context))]

@@ -16,8 +16,7 @@ from babel.messages.pofile import read_po, write_po
 from monitor.judge.alerts.conditions import CONDITIONS
 
 ROOT = Path(__file__).parents[2]
-VIEWS = ROOT / "monitor" / "views"
-LOCALE = VIEWS / "language" / "locale"
+LOCALE = ROOT / "monitor" / "views" / "language" / "locale"
 KEYWORDS = {"say": None, "t": None, "N_": None}
 
 
@@ -50,16 +49,18 @@ def _strings_of_first_argument(source):
             depth -= 1
 
 
-METHODS = [("web/static/uPlot*", "ignore"), ("**.py", "python"), ("web/static/**.js", in_script), ("**.html", in_brackets)]
+METHODS = [("**/uPlot*", "ignore"), ("**.py", "python"), ("**.js", in_script), ("**.html", in_brackets)]
+SAYING = ("monitor/views", "monitor/plant/screen", "monitor/gateway")  # folders whose texts people read
 
 
 def template() -> Catalog:
     """Every text, without translations."""
     found = Catalog(project="joint-monitor", charset="utf-8")
-    for path, _, text, _, _ in extract_from_dir(VIEWS, METHODS, {}, keywords=KEYWORDS, comment_tags=()):
-        if path.startswith("language/locale") or not isinstance(text, str) or not text.strip():
-            continue
-        found.add(text, locations=[(f"monitor/views/{path}", None)])
+    for folder in SAYING:
+        for path, _, text, _, _ in extract_from_dir(ROOT / folder, METHODS, {}, keywords=KEYWORDS, comment_tags=()):
+            if path.startswith("language/locale") or not isinstance(text, str) or not text.strip():
+                continue
+            found.add(text, locations=[(f"{folder}/{path}", None)])
     for condition in CONDITIONS.values():
         for tier in condition.tiers.values():
             found.add(tier.advice, locations=[("monitor/judge/alerts/conditions.py", None)])

@@ -26,8 +26,11 @@ from monitor.store.recordings import write_recording
 pytestmark = [pytest.mark.xdist_group("documentation"), pytest.mark.timeout(300)]
 
 NOT_RUN = {  # by the command, or by its first words
-    "simulate": "goes on until Ctrl-C",
+    "simulate --": "goes on until Ctrl-C",
     "run --config config/simulated.toml": "goes on until it is stopped",
+    "simulate-plant": "goes on until Ctrl-C; the tests of the plant run it",
+    "plant": "goes on until it is stopped, or needs arms; the tests of the plant run it, and compare what the page shows",
+    "gateway": "needs a plant and servers; the tests of the gateway run it, and compare what the page shows",
     "watch": "asks a running daemon, and goes on until Ctrl-C",
     "check": "asks a controller",
     "script-node": "asks a controller; the tests of the service run it",
@@ -36,6 +39,8 @@ NOT_RUN = {  # by the command, or by its first words
     "allow": "needs a stop that waits for a person",
     "try": "starts a daemon; the tests of the studies run it",
     "serviced --config trial": "speaks with the daemon of that trial",
+    "reassess": "starts a process a core; the tests of the studies run it",
+    "prior": "needs the histories of a fleet; the tests of the studies run it",
     "rehearse": "takes a minute; the tests of the studies play a smaller fleet",
 }
 INSTEAD = {  # makes a command quick, or reads the history instead of a daemon
