@@ -1,8 +1,10 @@
 """What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
 
 import os
+import re
 import socket
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
@@ -29,6 +31,7 @@ REAL_TIME = (
             "cuts",
             "driver",
             "fault_matrix",
+            "happenings",
             "idle_faults",
             "joint_limits",
             "kills",
@@ -42,6 +45,7 @@ REAL_TIME = (
             "way_back",
         )
     ),
+    "simulate/test_sim_following.py",  # an arm that follows a stream: its client and its controller may sleep 60 ms at most
     "cli/test_commands_motion.py",
     "service/test_borrowing_daemon.py",
     "service/test_daemon.py",
@@ -49,10 +53,13 @@ REAL_TIME = (
 # Modules that mostly wait, for a clock, a client, systemd: one test after the other on a worker of their own, which leaves most of its core
 # to the others. Wall clock is over twice their processor time: see before one is added.
 WAITING = (
-    *(f"simulate/test_sim_{name}.py" for name in ("conformance", "wire", "faults", "judges", "state_bytes")),
+    *(f"simulate/test_sim_{name}.py" for name in ("wire", "conformance", "faults", "judges", "state_bytes")),
     *(f"publish/test_{name}.py" for name in ("reach", "daemon_on_the_bus", "security", "outside_programs", "permit_words", "restarts")),
     *(f"publish/test_{name}.py" for name in ("metrics", "slow_clients", "bus")),
     *(f"service/test_{name}.py" for name in ("under_systemd", "tries")),
+    "plant/test_on_the_bus.py",
+    "plant/test_access.py",
+    "store/test_archive_s3.py",
 )
 # a long test that begins last keeps everybody waiting
 LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
@@ -78,22 +85,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.xdist_group("real time"))
         elif place.startswith(WAITING):
             item.add_marker(pytest.mark.xdist_group("waiting"))
-        elif item.get_closest_marker("xdist_group") is None and _has_module_fixture(item):
-            item.add_marker(pytest.mark.xdist_group(place))  # one worker prepares the fixture once; others would prepare it again
+        elif item.get_closest_marker("xdist_group") is None and (_has_module_fixture(item) or addresses(item.path)):
+            # one worker prepares the fixture once, where others would prepare it again; and no two tests listen at one address at a time
+            item.add_marker(pytest.mark.xdist_group(place))
         if place.startswith(ON_THE_WIRE) and item.get_closest_marker("soak") is None:
-            item.add_marker(pytest.mark.flaky(reruns=2 if place.startswith(REAL_TIME) else 1, reruns_delay=2))
+            item.add_marker(pytest.mark.flaky(reruns=3 if place.startswith(REAL_TIME) else 1, reruns_delay=2))
 
 
-def _rank(item: pytest.Item) -> tuple[int, int]:
-    """Where a test stands in the order: in real time, waiting, with a module's fixture, other; within these, by folders of long tests."""
+def _rank(item: pytest.Item) -> tuple[int, int, str]:
+    """Where a test stands in the order: in real time, waiting, with a module's fixture, other; within these, by folders of long tests.
+
+    The module's name comes last, so that the order is the same in workers that read the folders in another one.
+    """
     place = _place(item)
     if place.startswith(REAL_TIME):
-        return 0, next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix))
+        return 0, next(rank for rank, prefix in enumerate(REAL_TIME) if place.startswith(prefix)), place
     if place.startswith(WAITING):
-        return 1, next(rank for rank, prefix in enumerate(WAITING) if place.startswith(prefix))
+        return 1, next(rank for rank, prefix in enumerate(WAITING) if place.startswith(prefix)), place
     order = (*LONG, *MOSTLY_WAITING)
     within = next((rank for rank, prefix in enumerate(order) if place.startswith(prefix)), len(order))
-    return (2 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 3), within
+    return (2 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 3), within, place
 
 
 def _place(item: pytest.Item) -> str:
@@ -102,9 +113,18 @@ def _place(item: pytest.Item) -> str:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Tests are handed out in the order in which they are sorted: xdist would begin with the groups of the most tests, not the longest."""
+    """Tests are handed out in the order in which they are sorted: xdist would begin with the groups of the most tests, not the longest.
+
+    Each worker begins to read the tests at another folder: in a fresh copy it compiles those, and finds the others' compiled.
+    """
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
+    worker = getattr(config, "workerinput", None)
+    if worker is not None and config.args == ["tests"]:
+        folders = sorted(path.name for path in (ROOT / "tests").iterdir() if (path / "__init__.py").exists() or any(path.glob("test_*.py")))
+        first = int(worker["workerid"].removeprefix("gw")) * len(folders) // worker["workercount"]
+        alone = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
+        config.args[:] = [f"tests/{name}" for name in (*folders[first:], *folders[:first], *alone)]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -125,6 +145,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     except (AttributeError, OSError):  # not Linux, or a container that forbids it
         os.nice(GIVE_WAY - os.nice(0))
+
+
+@cache
+def addresses(module: Path) -> frozenset[str]:
+    """The loopback addresses that a module of tests names for itself; 127.0.0.1 is everybody's, with ports that the kernel chooses."""
+    return frozenset(re.findall(r"127\.(?!0\.0\.)\d+\.\d+\.\d+", module.read_text(encoding="utf-8")))
 
 
 def _has_module_fixture(item: pytest.Item) -> bool:

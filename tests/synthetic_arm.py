@@ -4,6 +4,7 @@ F(v, T) = fc + fv·e^(−k(T−25)) v, both times the wear; the noise of success
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -59,11 +60,16 @@ class Arm:
         return identification(fc, fv, cov, T)
 
 
+@cache
+def _nominal() -> np.ndarray:
+    """The manufacturer's rigid parameters: the same for every replay."""
+    return load_robot("ur5").nominal_parameters()
+
+
 def identification(fc: np.ndarray, fv: np.ndarray, cov: np.ndarray, temperature_c: np.ndarray | None) -> Identification:
     """What identify returns for a UR5 on the ground, with the manufacturer's rigid parameters and this friction."""
-    robot, ground = load_robot("ur5"), Mounting()
-    base = base_parameters(robot, ground)
-    standard = robot.nominal_parameters()
+    ground = Mounting()
+    base, standard = base_parameters(load_robot("ur5"), ground), _nominal().copy()
     standard[10::13], standard[11::13] = fc, fv
     B = len(base.columns)
     return Identification(

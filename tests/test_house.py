@@ -28,10 +28,10 @@ def rooms(names):
 
 
 def test_the_map_names_every_entry_of_the_package_and_nothing_else():
-    """At most 18 entries; the map's own file is not one that it names."""
+    """At most 20 entries; the map's own file is not one that it names."""
     entries = {path.stem for path in (ROOT / "monitor").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     assert {name for name, _, _ in MAP} == entries - {"__init__"}
-    assert len(entries) <= 18
+    assert len(entries) <= 20
 
 
 def test_the_map_stands_in_the_order_of_the_layers():
@@ -133,6 +133,27 @@ def test_every_module_that_the_suite_puts_in_a_group_exists(request):
     suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
     assert set(suite.REAL_TIME).isdisjoint(suite.WAITING)
     assert [place for place in (*suite.REAL_TIME, *suite.WAITING) if not (ROOT / "tests" / place).is_file()] == []
+
+
+def test_no_test_imports_a_conftest():
+    """There are several of that name, and which one is found depends on which folder was read first."""
+    imported = re.compile(r"^\s*(from|import) conftest\b", re.MULTILINE)
+    assert [path for path in (ROOT / "tests").rglob("test_*.py") if imported.search(path.read_text("utf-8"))] == []
+
+
+def test_no_two_tests_listen_at_one_address_at_a_time(request):
+    """A module that names loopback addresses of its own runs on one worker; an address of two modules has both in one chain."""
+    suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    owners = {}
+    for module in sorted((ROOT / "tests").rglob("test_*.py")):
+        place = module.relative_to(ROOT / "tests").as_posix()
+        chain = next((name for name, listed in {"real time": suite.REAL_TIME, "waiting": suite.WAITING}.items() if place in listed), place)
+        for address in suite.addresses(module):
+            owners.setdefault(address, set()).add(chain)
+    assert {address: chains for address, chains in owners.items() if len(chains) > 1} == {}
+    assert "acquire/test_robot_api.py" in set().union(*owners.values())
+    groups = {item.path: item.get_closest_marker("xdist_group") for item in request.session.items if suite.addresses(item.path)}
+    assert [path for path, group in groups.items() if group is None] == []
 
 
 def test_whatever_moves_an_arm_in_real_time_is_in_one_group(request):

@@ -1,4 +1,4 @@
-"""Times public functions in turn, so that a noisy machine is noisy for all of them; quotes medians and ratios."""
+"""Processor time of public functions, which take turns, so that a noisy machine is noisy for all; quotes medians and ratios."""
 
 import argparse
 import json
@@ -33,6 +33,11 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.identify.identify import identify, identify_motions
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
+    from monitor.identify.work.arm import WorkArm
+    from monitor.identify.work.estimate import estimate
+    from monitor.identify.work.gather import gather
+    from monitor.identify.work.rows import WorkRows
+    from monitor.identify.work.settings import WorkSettings
     from monitor.model.base import base_parameters
     from monitor.model.regressor import felt_columns, felt_regressor, regressor
     from monitor.simulate.controller.controller import Controller
@@ -72,6 +77,15 @@ def cases() -> dict[str, Callable[[], object]]:
         guard = TorqueBand(robot, mounting, settings, Installation(), basis)
         return [guard.outside(row, 0.008 * n) for n, row in enumerate(seen)]
 
+    worker = WorkArm(robot=robot, mounting=mounting, identification=identify([recording], robot, mounting, residual_friction=True))
+    twice = {name: np.concatenate([value, value]) for name, value in recording.signals.items() if name != "t_s"}
+    work = WorkRows(recording=replace(recording, t_s=recording.t_s[0] + 0.008 * np.arange(2 * recording.samples), **twice))
+
+    slower = work.part(slice(None, None, 5))
+    told = gather(work, worker, WorkSettings())
+    days = {(day, bin_): sums for (_, bin_), sums in told.cells.items() for day in range(7)}
+    week = replace(told, cells=days)
+
     everything = {
         "regressor, 3750 samples": lambda: regressor(robot, mounting, q, qd, qdd),
         "what each joint feels of it, base columns alone": lambda: felt_regressor(robot, mounting, felt, q, qd, qdd, qd),
@@ -82,6 +96,9 @@ def cases() -> dict[str, Callable[[], object]]:
         "identify robust": lambda: identify([recording], robot, mounting, method="robust"),
         "identify wls, friction auto": lambda: identify([recording], robot, mounting, friction="auto"),
         "physically consistent fit, from factors": lambda: physically_consistent(factored, weights, base.combination, robot),
+        "friction from work, 60 s at 125 Hz": lambda: gather(work, worker, WorkSettings()),
+        "friction from work, 60 s at 25 Hz": lambda: gather(slower, worker, WorkSettings()),
+        "a day's judgement of work, beside a week": lambda: estimate(told, worker.identification, WorkSettings(), 0.0, past=week),
         "torque band, 1000 rows, manufacturer's parameters": lambda: band(BandBasis()),
         "torque band, 1000 rows, model and profile": lambda: band(learnt),
     }
@@ -116,16 +133,16 @@ def figaroh_case(model: Any, moved: Any, torque: Any) -> Callable[[], object] | 
 
 
 def run() -> dict[str, list[float]]:
-    """Milliseconds of each round; the cases take turns."""
+    """Milliseconds of processor time of each round; the cases take turns."""
     taken: dict[str, list[float]] = {}
     todo = cases()
     for case in todo.values():
         case()  # warm up: caches, lazy imports
     for _ in range(ROUNDS):
         for name, case in todo.items():
-            began = time.perf_counter()
+            began = time.process_time()
             case()
-            taken.setdefault(name, []).append(1000 * (time.perf_counter() - began))
+            taken.setdefault(name, []).append(1000 * (time.process_time() - began))
     return taken
 
 

@@ -12,6 +12,7 @@ runs on an older version too; versions are best compared by runs that take turns
 import argparse
 import json
 import statistics
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,8 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.config.load import find_excitation
 from monitor.errors import ReplayAborted
 from monitor.model.robot import load_robot
+
+sys.path.append(str(Path(__file__).parents[1]))  # the tests import each other by their names
 from tests.acquire.processes import children
 from tests.acquire.simulated_arm import known_gains, simulated_arm
 

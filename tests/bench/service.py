@@ -6,7 +6,6 @@ priority, or a raised one by `nice`: in real time (`chrt`) the kernel lets no sl
 """
 
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.recordings import write_recording
 from monitor.store.store import Store
+from tests.bench.idle import core_s, family, pss_mib
 
 YEARS, A_DAY, JOINTS = 5, 4, 6
 LISTEN_S = 20.0
@@ -95,30 +95,7 @@ def share_and_memory(process: "subprocess.Popen[str]", seconds: float) -> tuple[
     before, began = core_s(process.pid), time.monotonic()
     time.sleep(seconds)
     share = 100 * (core_s(process.pid) - before) / (time.monotonic() - began)
-    return share, sum(pss_mib(pid) for pid in family(process.pid))
-
-
-def family(pid: int) -> list[int]:
-    found = [pid]
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            found += family(int(child))
-    return found
-
-
-def core_s(pid: int) -> float:
-    total = 0.0
-    for each in family(pid):
-        fields = Path(f"/proc/{each}/stat").read_text().rsplit(")", 1)[1].split()
-        total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return total
-
-
-def pss_mib(pid: int) -> float:
-    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return int(line.split()[1]) / 1024
-    return 0.0
+    return share, pss_mib(process.pid)
 
 
 def asked(endpoint: str) -> None:

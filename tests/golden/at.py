@@ -12,9 +12,21 @@ import sys
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
 from typing import Any
 
 _now = [0.0]
+
+
+@contextlib.contextmanager
+def stopped_clock() -> Iterator[None]:
+    """The time of day is that of the command."""
+    running = time.time
+    time.time = lambda: _now[0]
+    try:
+        yield
+    finally:
+        time.time = running
 
 
 def main() -> None:

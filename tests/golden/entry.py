@@ -21,7 +21,7 @@ from monitor.identify.document import document as identification_document
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
-from monitor.publish.metrics import MetricsServer
+from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.bus.handlers import Handlers
@@ -274,7 +274,7 @@ def running(config: Path, clock: Clock, play: Play) -> Iterator[Running]:
         store = stack.enter_context(Store.open(configuration.state_directory))
         daemon = stack.enter_context(Daemon(configuration, store, now=clock.now, play=had))
         if configuration.metrics.listen:
-            stack.enter_context(MetricsServer(configuration.metrics, daemon.bus.last_values))
+            stack.enter_context(MetricsServer(configuration.metrics, lambda: families(daemon.bus.last_values())))
         served = stack.enter_context(page(configuration, daemon.bus, store, now=clock.now))
         problems, requests = Problems(clock.now, clock.monotonic), ReplayRequests()
         scheduler = Scheduler(daemon.monitor, store, problems, requests, Clocks(now=clock.now, monotonic=clock.monotonic))

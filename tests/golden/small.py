@@ -39,8 +39,8 @@ LATER_UNIX_S = SMALL.at_unix_s(30)
 
 
 def run_in(folder: Path) -> Run:
-    """A run whose files lie below a scratch folder."""
-    run = Run(into=folder / "set", work=folder / "work", artefacts=folder)
+    """A run whose files lie below a scratch folder, and whose commands run in this process."""
+    run = Run(into=folder / "set", work=folder / "work", artefacts=folder, here=True)
     run.work.mkdir(parents=True)
     return run
 

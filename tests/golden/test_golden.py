@@ -21,7 +21,7 @@ HISTORIES = small.histories()
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """One scratch folder, one set of recordings and one process for the commands."""
+    """One scratch folder and one set of recordings; commands run in this process."""
     run = small.run_in(tmp_path_factory.mktemp("golden"))
     yield run
     run.close()

@@ -1,0 +1,89 @@
+"""The other side of `prepared.py`: import what is named, then fork for each request and run what it asks for.
+
+The forked process is forked twice, and the one between them ends: so the new process becomes a child of the test's process, which has
+asked the kernel for that, and which waits for it like for any other child.
+"""
+
+import gc
+import importlib
+import json
+import os
+import runpy
+import socket
+import sys
+import time
+import types
+from typing import Any
+
+
+def main() -> None:
+    """Fork for each request until the other side ends; only forked processes return from `requests`."""
+    wire = socket.socket(fileno=int(sys.argv[1]))
+    for name in sys.argv[2:]:
+        importlib.import_module(name)
+    gc.collect()
+    gc.freeze()
+    wire.sendall(b"\n")
+    request = requests(wire)
+    wire.close()
+    if request is not None:
+        become(request)
+
+
+def requests(wire: socket.socket) -> dict[str, Any] | None:
+    """In the process that forks: None at the end. In a forked one: its request, with its standard streams in place."""
+    while True:
+        head, streams, _, _ = socket.recv_fds(wire, 4, 3)
+        if not head:
+            return None
+        request: dict[str, Any] = json.loads(wire.recv(int.from_bytes(head, "big"), socket.MSG_WAITALL))
+        assert len(os.listdir("/proc/self/task")) == 1, "a process with threads cannot be forked"
+        reading, writing = os.pipe()
+        between = os.fork()
+        if between == 0:
+            parent = os.getpid()
+            pid = os.fork()
+            if pid != 0:
+                os.write(writing, pid.to_bytes(8, "big"))
+                os._exit(0)
+            for fd in (reading, writing):
+                os.close(fd)
+            for number, stream in enumerate(streams):
+                os.dup2(stream, number)
+            for stream in streams:
+                os.close(stream)
+            while os.getppid() == parent:
+                time.sleep(0.0005)
+            return request
+        assert os.waitpid(between, 0)[1] == 0, "no process could be forked"  # nobody has written to the pipe
+        wire.sendall(os.read(reading, 8))
+        for fd in (reading, writing, *streams):
+            os.close(fd)
+
+
+def become(request: dict[str, Any]) -> None:
+    """Do in this process what `python` does with these arguments. Its standard streams are there: they read and write the same numbers."""
+    if request["policy"] != os.sched_getscheduler(0):
+        os.sched_setscheduler(0, request["policy"], os.sched_param(0))
+    if request["niceness"] > os.nice(0):
+        os.nice(request["niceness"] - os.nice(0))
+    os.chdir(request["folder"])
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    time.tzset()
+    what, *rest = request["arguments"]
+    sys.orig_argv = [sys.executable, what, *rest]
+    if what == "-m":
+        sys.argv, sys.path[0] = rest, request["folder"]
+        runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
+    elif what == "-c":
+        sys.argv, sys.path[0] = ["-c", *rest[1:]], ""
+        sys.modules["__main__"] = program = types.ModuleType("__main__")
+        exec(compile(rest[0], "<string>", "exec"), program.__dict__)
+    else:
+        sys.argv, sys.path[0] = [what, *rest], os.path.dirname(what)
+        runpy.run_path(what, run_name="__main__")
+
+
+if __name__ == "__main__":
+    main()
