@@ -254,8 +254,8 @@ def test_an_address_that_another_program_has_is_the_trouble_of_the_listener_alon
             assert "acknowledgements: listens on" in running.status()
 
 
-def test_an_alert_that_becomes_graver_and_has_no_ticket_yet_gets_one_and_only_one(plant):
-    """Its first tier was told to nobody: it was raised before, or other settings held then."""
+def raised_untold(plant):
+    """When an alert was raised of whose tier the settings of then told nobody; that gateway has ended."""
     plant.arm("hall/cell-1")
     with Maintenance() as server, plant.gateway(tickets(server, 'tiers = ["limit"]\n'), CREDENTIALS) as running:
         plant.lives(running)
@@ -263,6 +263,12 @@ def test_an_alert_that_becomes_graver_and_has_no_ticket_yet_gets_one_and_only_on
         plant.happens("hall/cell-1", tier="wear")
         plant.lives(running)
         assert server.tickets == {}
+    return raised
+
+
+def test_an_alert_that_becomes_graver_and_has_no_ticket_yet_gets_one_and_only_one(plant):
+    """Its first tier was told to nobody: it was raised before, or other settings held then."""
+    raised = raised_untold(plant)
     with Maintenance() as server, plant.gateway(tickets(server), CREDENTIALS) as running:
         for tier in ("limit", "wear", "limit"):
             plant.now += HOUR_S
@@ -273,12 +279,7 @@ def test_an_alert_that_becomes_graver_and_has_no_ticket_yet_gets_one_and_only_on
 
 def test_an_alert_that_becomes_graver_and_ends_at_once_gets_its_first_ticket_closed(plant):
     """Both happened while no gateway ran: the ticket that is opened in place of the change comes before the end, which waits for it."""
-    plant.arm("hall/cell-1")
-    with Maintenance() as server, plant.gateway(tickets(server, 'tiers = ["limit"]\n'), CREDENTIALS) as running:
-        plant.lives(running)
-        raised = plant.now = plant.now + 60.0
-        plant.happens("hall/cell-1", tier="wear")
-        plant.lives(running)
+    raised = raised_untold(plant)
     with Maintenance() as server, plant.gateway(tickets(server), CREDENTIALS) as running:
         for kind in ("updated", "cleared"):
             plant.now += HOUR_S
