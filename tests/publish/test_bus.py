@@ -52,10 +52,10 @@ def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
     """The client uses only plain zenoh, JSON and the documented keys."""
     bus, endpoint = bus
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
-        subscriber = session.declare_subscriber("joint-monitor/v1/**", zenoh.handlers.FifoChannel(16))
-        time.sleep(0.3)  # the subscription reaches the publisher
-        bus.publish("alert/j3/wear_rising", "alert", {"joint": 3})
-        sample = subscriber.recv()
+        heard: list[zenoh.Sample] = []
+        session.declare_subscriber("joint-monitor/v1/**", heard.append)
+        _until(lambda: heard, meanwhile=lambda: bus.publish("alert/j3/wear_rising", "alert", {"joint": 3}))  # once the publisher knows it
+        sample = heard[0]
         assert str(sample.key_expr) == "joint-monitor/v1/lab/cell-1/alert/j3/wear_rising"
         assert json.loads(sample.payload.to_bytes()) == {"joint": 3}
         assert str(sample.encoding) == "application/json;joint-monitor.alert.v1"
@@ -116,7 +116,7 @@ def test_a_watcher_gets_last_values_first_and_then_new_messages(bus):
     seen: list[int] = []
 
     def say() -> None:
-        time.sleep(0.5)
+        _until(lambda: seen)  # the watcher has the last value; it subscribed before it asked for that
         for n in range(1, 4):
             bus.publish("health", "health", {"n": n})
 
@@ -218,10 +218,16 @@ def test_a_watcher_is_told_when_the_monitor_is_gone_and_when_it_is_back(free_por
     endpoint, told = f"tcp/127.0.0.1:{free_port}", []
     with Bus(BusSettings(listen=(endpoint,)), "joint-monitor/v1/lab/cell-1") as first, Client(endpoint, "lab", "cell-1") as client:
         done = threading.Event()
-        watching = threading.Thread(target=lambda: list(client.watch("alert/**", until=done.is_set, alive=told.append)))
+        watches = threading.Event()  # what `until` is asked for, once everything is subscribed to
+
+        def watch() -> None:
+            for _ in client.watch("alert/**", until=lambda: watches.set() or done.is_set(), alive=told.append):
+                pass
+
+        watching = threading.Thread(target=watch)
         watching.start()
         try:
-            time.sleep(1.0)
+            assert watches.wait(20.0)
             first.close()
             _until(lambda: told[-1:] == [False])
             with Bus(BusSettings(listen=(endpoint,)), "joint-monitor/v1/lab/cell-1"):
@@ -231,8 +237,9 @@ def test_a_watcher_is_told_when_the_monitor_is_gone_and_when_it_is_back(free_por
             watching.join()
 
 
-def _until(holds, within_s: float = 20.0) -> None:
+def _until(holds, within_s: float = 20.0, *, meanwhile=lambda: None) -> None:
     deadline = time.monotonic() + within_s
     while not holds():
         assert time.monotonic() < deadline
+        meanwhile()
         time.sleep(0.05)

@@ -89,13 +89,11 @@ def test_a_viewer_cannot_publish_for_the_monitor(etc, bus):
         zenoh.open(session_config(mode="client", connect=(endpoint,), zenoh_file=str(etc / "viewer.json5"))) as liar,
     ):
         listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", received.append)
-        time.sleep(0.5)
+        assert listener.get("health")
         liar.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
-        time.sleep(0.5)
+        assert [reply.ok.payload.to_bytes() for reply in liar.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
         bus[0].publish("health", "health", {"state": "OFF_SPEC"})
-        deadline = time.monotonic() + 5.0
-        while not received and time.monotonic() < deadline:
-            time.sleep(0.05)
+        assert eventually(lambda: received or None)
     assert [json.loads(sample.payload.to_bytes())["state"] for sample in received] == ["OFF_SPEC"]
 
 
@@ -108,6 +106,7 @@ def permitting(etc, endpoint, who, answer):
             query.reply(query.key_expr, json.dumps(answer))
 
     session.declare_queryable("joint-monitor/v1/lab/cell-1/permit/replay", reply)
+    list(session.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0))  # whoever answers knows the queryable by then
     return session
 
 
@@ -123,19 +122,19 @@ def test_only_the_cell_answers_whether_the_arm_may_move(etc, bus):
     """The cell may publish on that key alone. A viewer's yes does not arrive, and the cell can neither publish nor command otherwise."""
     ours, endpoint, called = bus
     with permitting(etc, endpoint, "viewer", {"allow": True, "why": "let it move"}):
-        time.sleep(0.5)
         assert ours.ask_permit({}, 1.0) is None
     with permitting(etc, endpoint, "cell", {"allow": True, "why": "parked"}) as cell:
         assert eventually(lambda: ours.ask_permit({}, 1.0)).allowed
         received = []
         with client(etc, endpoint, "maintenance") as listener:
             listener._session.declare_subscriber("joint-monitor/v1/lab/cell-1/health", received.append)
-            time.sleep(0.3)
+            assert listener.get("health")
             cell.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
             assert [reply.ok.payload.to_bytes() for reply in cell.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
             assert list(cell.get("joint-monitor/v1/lab/cell-1/cmd/ack", payload=b'{"by": "cell"}', timeout=2.0)) == []
-            time.sleep(0.3)
-        assert received == []
+            ours.publish("health", "health", {"state": "OFF_SPEC"})
+            assert eventually(lambda: received or None)
+        assert [json.loads(sample.payload.to_bytes())["state"] for sample in received] == ["OFF_SPEC"]
     assert called == []
 
 

@@ -35,17 +35,19 @@ def received(channel: socket.socket) -> list[str]:
             return messages
 
 
-def test_the_watchdog_is_notified_while_every_worker_is_alive_and_not_when_one_is_late(manager, caplog):
+def test_the_watchdog_is_notified_while_every_worker_is_alive_and_not_when_one_is_late(manager, caplog, monkeypatch):
     """One worker that hangs stops the notifications, although the main loop runs. They continue when it runs again."""
+    now_s = [100.0]
+    monkeypatch.setattr("monitor.service.systemd.time.monotonic", lambda: now_s[0])
     heartbeats = Heartbeats()
     heartbeats.beat("listen", 5.0)
-    heartbeats.beat("replays", 0.05)
+    heartbeats.beat("replays", 0.2)
     watchdog = Watchdog(heartbeats)
     watchdog.check()
     assert received(manager) == ["WATCHDOG=1"]
     watchdog.check()
     assert received(manager) == []  # one notification in a third of the watchdog's time is enough
-    time.sleep(0.15)
+    now_s[0] += 0.3
     for _ in range(3):
         watchdog.check()
     assert received(manager) == []
