@@ -3,7 +3,7 @@
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import Runtime
+from monitor.simulate.controller.modes import RobotMode, Runtime
 from monitor.simulate.controller.registers import INPUT_TYPES, recipe
 from monitor.simulate.settings import SimulateSettings
 
@@ -38,8 +38,12 @@ SPEED = recipe(["input_int_register_0", *DOUBLES[:8]], INPUT_TYPES)
 class Pendant:
     """Runs ur-rtde's control script on a controller and writes its registers."""
 
-    def __init__(self, **settings) -> None:
-        self.controller = Controller(SimulateSettings(**settings))
+    def __init__(self, *, before: Controller | None = None, **settings) -> None:
+        """On a new arm, or on that of a controller that was killed, with its power switched on again."""
+        self.controller = Controller(SimulateSettings(**settings), before=before)
+        if before is not None:
+            self.controller.safety.power(RobotMode.IDLE)
+            self.controller.safety.power(RobotMode.RUNNING)
         self.controller.step()
         self.controller.run_script(CONTROL.rstrip())
 

@@ -37,6 +37,23 @@ def test_somebody_elses_program_starts_after_ours_has_ended():
     assert 0.05 < motion.fastest_rad_s < 0.25
 
 
+def test_somebody_elses_program_waits_for_ours_and_not_for_one_of_before_a_restart():
+    """The clock began again: a program that ended before the restart did so at a time that this clock has not reached yet."""
+    before = Pendant()
+    before.run(5.0)
+    before.controller.write_inputs(COMMAND, [255])
+    before.run(0.1)
+    pendant = Pendant(before=before.controller)
+    assert programs(pendant)[0].ended_s > pendant.controller.clock.now_s + 2.0
+    pendant.controller.inject("foreign_program", {"when": "after_ours", "delay": 0.15, "seconds": 1.0})
+    pendant.run(0.5)
+    pendant.controller.write_inputs(COMMAND, [255])
+    pendant.run(1.5)
+    _, ours, theirs = programs(pendant)
+    assert (ours.owner, theirs.owner) == ("client", "somebody else")
+    assert theirs.began_s - ours.ended_s == pytest.approx(0.15, abs=0.01)
+
+
 def test_a_stop_of_the_dashboard_stops_somebody_elses_program_and_the_logbook_tells_it():
     """Whoever sends `stop` without a look stops what is not theirs."""
     pendant = Pendant()

@@ -67,7 +67,10 @@ class ForeignPrograms:
         return due
 
     def _after_ours(self, delay_s: float) -> float | None:
-        for run in reversed(self._machine.journal.logbook.programs):
+        logbook = self._machine.journal.logbook
+        for run in reversed(logbook.programs):
+            if run.boot != logbook.boot:  # its times are of another clock, as are those of every run before it
+                return None
             if run.owner == CLIENT and run.ended_s is not None and run.ended_s >= self._planned_s:
                 return run.ended_s + delay_s
         return None
