@@ -3,6 +3,7 @@
 One arm plays one replay after the other, so the replay of each case proves that the case before left an arm that works.
 """
 
+import math
 import socket
 import time
 from dataclasses import dataclass, field, replace
@@ -16,6 +17,7 @@ from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.ur.stream import STOP_RAMP_S
 from monitor.acquire.watch import ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
@@ -31,8 +33,10 @@ REPORTED_WITHIN_S = 2.0
 TICK_S = 0.008
 IN_PHASE_S = 0.3  # into the approach or the return
 # where a fault meets an arm that is stalled or gone, the cause is the one that was seen first
-DISTURBED = frozenset({"late", "stalled", "following_error", "timeout"})  # causes by which a busy machine ends a replay before its fault
+# causes by which a busy machine ends a replay before its fault; by the last a program that answers late while control is taken
+DISTURBED = frozenset({"late", "stalled", "following_error", "timeout", "no_control"})
 ATTEMPTS = 4
+ALONG_THE_PATH = frozenset({"local_control"})  # after these the arm comes to rest along its path, and its rows go on until then
 HELD = frozenset({"following_error", "protective_stop", "torque_band"})  # something holds the arm up
 LOST = frozenset({"connection_lost", "stalled", "controller_restarted"})
 
@@ -219,6 +223,7 @@ def run_case(case: Case, at_s: float, excitation: Excitation, robot: Robot, sett
 def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, settings: ReplaySettings) -> Outcome:
     host, wrong = settings.host, []
     fault: dict[str, float] = {}
+    began_before = [0]  # the programs that had begun when the fault came
     rows = [0]
 
     def on_progress(progress: ReplayProgress) -> None:
@@ -226,7 +231,9 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
         since_s = at_s if case.phase == "play" else IN_PHASE_S
         if progress.phase == case.phase and progress.elapsed_s >= since_s and not fault:
             with Remote(host) as remote:
-                fault["clock_s"] = remote.truth()["clock_s"]
+                truth = remote.truth()
+                began_before[0] = max((run["number"] for run in truth["programs"]), default=0)
+                fault["clock_s"] = truth["clock_s"]
                 fault["at"] = time.monotonic()
                 remote.fault(case.name, **case.arguments)
 
@@ -253,28 +260,34 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
         else:
             wrong += wrong_rows(recording, excitation)
         if case.theirs:
-            wrong += stopped_by_us(host)
+            wrong += stopped_by_us(host, began_before[0])
         return Outcome(case, at_s, cause, None, None, None, tuple(wrong))
     if cause not in case.causes:
         wrong.append(f"cause {cause}, expected {' or '.join(sorted(case.causes))}")
     if reported_s is not None and reported_s > REPORTED_WITHIN_S:
         wrong.append(f"told after {reported_s:.2f} s")
-    if rows[0] > excitation.duration_s / TICK_S + 1:
+    if rows[0] > most_rows(excitation.duration_s, along_the_path=cause in ALONG_THE_PATH):
         wrong.append(f"{rows[0]} rows in {excitation.duration_s:g} s")
     if case.person is not None and person != case.person:
         wrong.append(f"a person is {'' if person else 'not '}asked")
     if case.theirs:
-        wrong += stopped_by_us(host)
+        wrong += stopped_by_us(host, began_before[0])
         return Outcome(case, at_s, cause, None, None, reported_s, tuple(wrong), person)
     stop_s, stand_s = standstill(case, host, fault["clock_s"], wrong)
     return Outcome(case, at_s, cause, stop_s, stand_s, reported_s, tuple(wrong), person)
 
 
-def stopped_by_us(host: str) -> list[str]:
-    """What is wrong where somebody else's program plays after ours: it was stopped, or never came."""
+def most_rows(duration_s: float, *, along_the_path: bool) -> int:
+    """As many rows as a play of this duration has at most; where it slows down along its path, it may end half the ramp later."""
+    return math.floor((duration_s + (STOP_RAMP_S / 2.0 if along_the_path else 0.0)) / TICK_S + 1e-6) + 1
+
+
+def stopped_by_us(host: str, began_before: int) -> list[str]:
+    """What is wrong where somebody else's program plays after the first `began_before` programs: it was stopped, or never came."""
     time.sleep(1.0)  # it may begin only now, and we may do something late
     with Remote(host) as remote:
-        theirs = [run for run in remote.truth()["programs"] if run["owner"] == "somebody else"]
+        programs = remote.truth()["programs"]
+    theirs = [run for run in programs if run["owner"] == "somebody else" and run["number"] > began_before]
     if not theirs:
         return ["somebody else's program never began"]
     by = theirs[-1]["stopped_by"]

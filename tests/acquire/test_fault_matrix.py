@@ -3,16 +3,20 @@
 import inspect
 import json
 import random
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import test_polyscope_x
 from excitations import short
-from fault_cases import FAULTS, HARMLESS, STOPPING, Case, run_case, table
+from fault_cases import FAULTS, HARMLESS, STOPPING, Case, most_rows, run_case, table
 from simulated_arm import simulated_arm
 
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur import stream
+from monitor.acquire.ur.streaming.failures import Stopped
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
 from monitor.simulate.faults import FAULTS as KNOWN
@@ -24,6 +28,46 @@ ONLY_POLYSCOPE_X = {  # the arm of the matrix has a dashboard, no Robot API, and
     "robot_api": test_polyscope_x.test_a_robot_api_that_fails_in_the_middle_ends_the_motion_and_the_arm_comes_to_rest,
     "manual_mode": test_polyscope_x.test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause,
 }
+
+
+class OnTime:
+    """An arm without faults, whose rows come in every tick, and which is asked to stop at a time of the play."""
+
+    tick_s = step_s = 0.008
+
+    def __init__(self, stop_at_s):
+        self.stop_at_s, self.rows, self.outbox = stop_at_s, 0, SimpleNamespace(message=lambda *_, **__: None)
+
+    @property
+    def asked_to_stop(self):
+        return "local_control" if self.rows * self.tick_s > self.stop_at_s else None
+
+    def next_row(self):
+        return None
+
+    def count_cycle(self, advance_s):
+        pass
+
+    def cycle(self, target, row, phase_s):
+        pass
+
+    def tell(self, row):
+        self.rows += 1
+
+
+def test_a_play_that_slows_down_near_its_end_has_rows_for_half_the_ramp_longer_and_no_more():
+    """The bound on rows by which a case is judged is what the stream does: 1268 rows in 10 s were called wrong, and are right."""
+    rows = []
+    for tick in range(1000, 1250):
+        arm = OnTime(tick * OnTime.tick_s)
+        with suppress(Stopped):
+            stream.stream(arm, "play", 10.0, lambda _: None, keep=True)
+        rows.append(arm.rows)
+    assert 1268 in rows
+    assert max(rows) == most_rows(10.0, along_the_path=True)
+    never = OnTime(10.0)
+    stream.stream(never, "play", 10.0, lambda _: None, keep=True)
+    assert never.rows == most_rows(10.0, along_the_path=False)
 
 
 def settings(host):
