@@ -57,7 +57,7 @@ class FakeControl:
 
     def __init__(self, receiver):
         self.receiver, self.asked, self.runs, self.takes = receiver, [], None, True
-        self.connected, self.answers_after_s = True, 0.016
+        self.connected, self.can_upload, self.answers_after_s = True, True, 0.016
 
     def program_runs(self):
         runtime = int(self.receiver.present[COLUMN["runtime_state"]][0])

@@ -164,6 +164,15 @@ def test_nothing_is_sent_while_only_the_control_connection_shows_a_program(scrip
     assert arm.control.asked == []
 
 
+def test_nothing_is_sent_where_the_connection_for_programs_has_ended(scripted):
+    """ur-rtde sent it to nobody, and after 5 s it was told as a program that does not start: `no_control`."""
+    arm = scripted(rows((STOPPED, int((START_S + 1.0) / TICK_S))))
+    arm.control.can_upload = False
+    assert cause_of(partial(start_program, arm)) == "connection_lost"
+    assert arm.control.asked == []
+    assert not arm.program_sent
+
+
 def test_a_program_that_does_not_start_is_given_up(scripted):
     arm = scripted(rows((STOPPED, int((START_S + 1.0) / TICK_S))))
     assert cause_of(partial(start_program, arm)) == "no_control"

@@ -46,6 +46,7 @@ class Control:
             sockets.send_at_once(host)
             sockets.end_dashboard(host)
             self._peer = sockets.PeerWatch(host, sockets.RTDE_PORT)
+            self._script_peer = sockets.PeerWatch(host, sockets.SCRIPT_PORT)
         except OSError as error:  # /proc is not there
             raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
         if lent:
@@ -71,6 +72,11 @@ class Control:
         """From now on this process must report at least so often."""
         self._pause_s = pause_s
         self.report()
+
+    @property
+    def can_upload(self) -> bool:
+        """Whether the connection on which a program is sent stands, as far as the kernel knows."""
+        return not self._script_peer.ended
 
     def upload(self) -> bool:
         """Send the control program; False where it could not be sent.

@@ -38,8 +38,8 @@ END_S = 1.0  # our program ends so soon after it was asked to
 def start_program(arm: Arm) -> None:
     """Send the control program over nothing that runs, and wait until it runs and nothing else did meanwhile.
 
-    Raises StreamFailure: `no_control` where our program does not run, or where another one may run; `program_replaced` where ours has taken
-    the place of another and has ended.
+    Raises StreamFailure: `no_control` where our program does not run, or where another one may run; `connection_lost` where it cannot be
+    sent; `program_replaced` where ours has taken the place of another and has ended.
     """
     control = arm.control
     assert control is not None
@@ -50,6 +50,8 @@ def start_program(arm: Arm) -> None:
         raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
     if arm.messages.started() and (name := arm.messages.running) not in (None, NAME):
         raise StreamFailure("no_control", f"somebody else's program {name!r} has started; nothing was sent")
+    if not control.can_upload:  # ur-rtde would send it to nobody
+        raise StreamFailure("connection_lost", "the controller closed the connection on which programs are sent; nothing was sent")
     arm.messages.mistake = ""
     arm.program_sent = True
     if not control.upload():
