@@ -30,6 +30,9 @@ class SafetyStop(NamedTuple):
     text: str
 
 
+OurEnd = Literal["ended", "replaced", "not_shown"]  # of our program: another has taken its place; the robot did not show that it has ended
+
+
 class OurProgram(NamedTuple):
     """What is known of the program that a session has left on the robot."""
 
@@ -118,5 +121,5 @@ class Driver(Protocol):
     def playing_program(self, host: str) -> str | None:
         """The name of the program that plays, empty where the robot tells no names; None where none plays. Raises RobotUnreachable."""
 
-    def stop_program(self, host: str, ours: OurProgram) -> bool:
-        """End our program and no other, without any session. False where the robot did not show that our program has ended."""
+    def stop_program(self, host: str, ours: OurProgram) -> OurEnd:
+        """End our program and no other, without any session. Returns how it has ended, as the robot shows it."""

@@ -12,7 +12,7 @@ from typing import NoReturn
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, ReplayTask
+from monitor.acquire.driver import Driver, OurEnd, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
@@ -120,13 +120,13 @@ def replay(
         watch.oversight.cancel()
         exit_code = session.end(LEAVING_S if watch.last_message else 0.0)
         watch.find_out(lambda: driver.playing_program(settings.host))
-        stopped = not watch.may_move or driver.stop_program(settings.host, watch.our_program)
+        end: OurEnd = driver.stop_program(settings.host, watch.our_program) if watch.may_move else "ended"
         watch.oversight.join()
     if watch.refusal is not None and not watch.borrowed:
         raise watch.refusal
     if not watch.done:
         home_q = () if watch.state is None else tuple(inputs.way_from(watch.state).home_q.tolist())
-        _raise_ending(watch, driver, exit_code, session.printed, stopped=stopped, home_q=home_q)
+        _raise_ending(watch, driver, exit_code, session.printed, end=end, home_q=home_q)
     return _recording(watch, _full_context(inputs, watch.state), excitation)
 
 
@@ -149,9 +149,9 @@ def _full_context(inputs: ConditionInputs, state: ArmState | None) -> Context:
     )
 
 
-def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *, stopped: bool, home_q: tuple[float, ...]) -> NoReturn:
+def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *, end: OurEnd, home_q: tuple[float, ...]) -> NoReturn:
     """Raise what ended the replay, in words for a person."""
-    message, host = watch.last_message, watch.settings.host
+    message, host, stopped = watch.last_message, watch.settings.host, end != "not_shown"
     if message is not None and message["kind"] == "refused":
         raise MotionRefused(f"{host}: {message['text']}")
     if message is not None and message["kind"] == "unreachable":
@@ -164,6 +164,8 @@ def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *,
         dying = watch.in_control and cause == "connection_lost"
         if watch.interruption is not None and not (watch.interruption.cause == "timeout" and dying):
             cause, text = watch.interruption
+        elif cause == "stalled" and end == "replaced":  # a command waits for our program, which is not there any more
+            cause, text = "program_stopped", f"somebody else's program was started in the place of ours; {text}"
         elif printed:
             text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
     if not (watch.in_control or watch.borrowed) and cause == "timeout":

@@ -93,7 +93,7 @@ class ScriptedDriver:
     """A robot of another make."""
 
     def __init__(self, session, *, identity=None, stop=None):
-        self.session, self.stop = session, stop
+        self.session, self.stop, self.end = session, stop, "ended"  # the last: how our program has ended
         self._identity = identity or Identity(model="UR5", serial="7", firmware="3.15.8", remote_control=True)
         self.programs_stopped = 0
 
@@ -126,7 +126,7 @@ class ScriptedDriver:
         assert self.session.ended  # first the session, then the robot
         self.programs_stopped += 1
         self.ours = ours
-        return True
+        return self.end
 
 
 def test_a_replay_needs_nothing_but_its_driver():

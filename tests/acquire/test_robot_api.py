@@ -211,7 +211,7 @@ def test_our_program_is_stopped_over_the_robot_api_and_nobody_elses(states, stop
 
     with ScriptedApi(answer) as server:
         ours = OurProgram(time.monotonic() if ended else None)
-        assert stop_program(HOST, ours, within_s=0.4, robot_api_port=PORT) is ended
+        assert stop_program(HOST, ours, within_s=0.4, robot_api_port=PORT) == ("ended" if ended else "not_shown")
         assert len([each for each in server.asked if each[0] == "PUT"]) == stops
 
 
@@ -241,7 +241,7 @@ def test_a_controller_that_closes_after_each_answer_without_saying_so_can_be_sto
         return reply({"state": "STOPPED" if stopped else "PLAYING"})
 
     with ScriptedApi(answer, keeps=False):
-        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=1.0, robot_api_port=PORT)
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=1.0, robot_api_port=PORT) == "ended"
     assert len(stopped) == 1
 
 
@@ -252,7 +252,7 @@ def test_a_stop_that_is_refused_is_told_and_is_no_end(caplog):
         return reply({"details": "local control"}, "403 Forbidden") if method == "PUT" else reply({"state": "PLAYING"})
 
     with ScriptedApi(answer):
-        assert not stop_program(HOST, OurProgram(time.monotonic()), within_s=0.4, robot_api_port=PORT)
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=0.4, robot_api_port=PORT) == "not_shown"
     assert len([record for record in caplog.records if "cannot be stopped from here" in record.getMessage()]) == 1
 
 

@@ -62,7 +62,7 @@ class ScriptedDashboard(ScriptedServer):
 def test_our_program_is_stopped_and_no_program_after_it(state, obeys, stops):
     """Until the controller has shown once that no program runs."""
     with ScriptedDashboard(state, obeys) as dashboard:
-        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5)
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5) == "ended"
         time.sleep(0.2)
         assert len(dashboard.stops) == stops
 
@@ -71,23 +71,23 @@ def test_our_program_is_stopped_and_no_program_after_it(state, obeys, stops):
 def test_a_program_that_is_not_known_to_be_ours_is_never_stopped(ours):
     """Nothing was ours, or too long ago, or ours was seen to end: what plays is somebody else's, and our end was not shown."""
     with ScriptedDashboard(lambda _: "PLAYING") as dashboard:
-        assert not stop_program(HOST, ours, within_s=0.3)
+        assert stop_program(HOST, ours, within_s=0.3) == "not_shown"
         assert dashboard.stops == []
 
 
 def test_a_program_of_another_name_has_taken_the_place_of_ours_and_is_not_stopped():
     """It came over ours without a pause in which nothing ran; our own name is stopped."""
     with ScriptedDashboard(lambda _: "PLAYING") as dashboard:
-        assert stop_program(HOST, OurProgram(time.monotonic(), name="ours.urp"), within_s=0.3)
+        assert stop_program(HOST, OurProgram(time.monotonic(), name="ours.urp"), within_s=0.3) == "replaced"
         assert dashboard.stops == []
-        assert stop_program(HOST, OurProgram(time.monotonic(), name="cell.urp"), within_s=0.3)
+        assert stop_program(HOST, OurProgram(time.monotonic(), name="cell.urp"), within_s=0.3) == "ended"
         assert len(dashboard.stops) == 1
 
 
 def test_a_controller_that_answers_late_gets_no_stop():
     """Its answer is older than the time in which a cell may start a program of its own."""
     with ScriptedDashboard(lambda _: "PLAYING", answers_after_s=0.15) as dashboard:
-        assert not stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5)
+        assert stop_program(HOST, OurProgram(time.monotonic()), within_s=0.5) == "not_shown"
         assert dashboard.stops == []
 
 
@@ -95,7 +95,7 @@ def test_a_controller_that_answers_late_gets_no_stop():
 def test_a_program_that_was_being_sent_is_stopped_where_it_starts_at_once(starts_s, stops):
     """Later it may be somebody else's."""
     with ScriptedDashboard(lambda t: "STOPPED" if t < starts_s else "PLAYING") as dashboard:
-        assert stop_program(HOST, OurProgram(time.monotonic(), "starting"), within_s=1.0)
+        assert stop_program(HOST, OurProgram(time.monotonic(), "starting"), within_s=1.0) == "ended"
         assert len(dashboard.stops) == stops
 
 

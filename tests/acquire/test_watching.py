@@ -155,6 +155,18 @@ def test_a_silent_child_that_was_already_dying_is_named_by_its_death(monkeypatch
     assert aborted.value.cause == cause
 
 
+@pytest.mark.parametrize(("end", "cause"), [("ended", "stalled"), ("replaced", "program_stopped"), ("not_shown", "stalled")])
+def test_a_target_that_no_program_of_ours_takes_is_told_as_the_other_program_where_the_controller_shows_one(end, cause):
+    """Somebody's program that comes while a target is sent lets the call wait until the kernel ends the process. It was told `stalled`."""
+    session = ScriptedSession(WAITING, [phase("control"), phase("play"), ALIVE], exit_code=-signal.SIGALRM)
+    driver = ScriptedDriver(session)
+    driver.end = end
+    with pytest.raises(ReplayAborted) as ended:
+        replay(short(), UR5, ReplaySettings(host="127.0.0.1", allow_motion=True), driver=driver)
+    assert ended.value.cause == cause
+    assert ("somebody else's program" in str(ended.value)) == (end == "replaced")
+
+
 def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_finish():
     """Before `go` the session itself refuses; killed in the middle, it would leave the parent to stop a program that has its arm again."""
     looks = iter([[TAKEN, phase("finish")], [], [GIVEN_BACK, {"kind": "refused", "text": "the guard says no"}]])

@@ -93,7 +93,7 @@ def test_a_stop_that_was_not_confirmed_waits_for_a_person_unless_the_arm_is_seen
     for after, waits in ((ready_state, False), (lambda: None, True)):
         with Store.open(configuration.state_directory) as store:
             driver = arm(after=after)
-            driver.stop_program = lambda host, ours: False
+            driver.stop_program = lambda host, ours: "not_shown"
             error = moved(configuration, store, driver)
             assert error is not None
             assert "DID NOT CONFIRM" in str(error)

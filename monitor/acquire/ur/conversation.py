@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import Protocol
 
-from monitor.acquire.driver import OurProgram, SafetyStop
+from monitor.acquire.driver import OurEnd, OurProgram, SafetyStop
 from monitor.acquire.state import Identity
 from monitor.acquire.ur.dashboard import Dashboard, NobodyListens
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
@@ -95,14 +95,15 @@ def playing_program(host: str, timeout_s: float = 0.5, *, robot_api_port: int = 
     return (name or "") if state == "PLAYING" else None
 
 
-def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *, robot_api_port: int = ROBOT_API_PORT) -> bool:
-    """End our program and no other: True once the controller has shown that no program runs, so that ours has ended.
+def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *, robot_api_port: int = ROBOT_API_PORT) -> OurEnd:
+    """End our program and no other: `ended` once the controller has shown that no program runs, so that ours has ended.
 
     A `stop` is sent only where the controller has just shown a program that runs, and that program was known to be ours at most OURS_S
     before, and has the name of ours. Each such look makes the next one possible, so a program that ignores a stop is stopped again; after
     a longer pause, or once no program has run, whatever runs may be somebody else's.
 
-    Returns False where the controller did not show the end within within_s.
+    Returns `replaced` where a program of another name is there before any look has shown none: it has taken the place of ours;
+    `not_shown` where the controller did not show the end within within_s.
     """
     until = time.monotonic() + within_s
     ours_at_s = -math.inf if ours.at_s is None else ours.at_s
@@ -115,10 +116,10 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
                     state, name = controller.program()
                     another = state != "STOPPED" and bool(name and ours.name) and name != ours.name
                     if another:
-                        return True  # it has taken the place of ours
+                        return "replaced"
                     is_ours = time.monotonic() - ours_at_s <= OURS_S
                     if state == "STOPPED" and not (is_ours and ours.state == "starting"):
-                        return True
+                        return "ended"
                     if is_ours and state != "STOPPED" and (state == "PAUSED" or ours.state != "paused"):
                         ours_at_s = looked_at  # so it was, also where nobody says whether the stop was taken
                         controller.stop()
@@ -129,4 +130,4 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
                 refusal = str(error)
                 log.warning("our program cannot be stopped from here: %s", refusal)
             time.sleep(LOOK_PAUSE_S)
-    return False
+    return "not_shown"

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from monitor.acquire.driver import OurProgram, ReplayTask, SafetyStop, Session
+from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session
 from monitor.acquire.hand_over.script import OFFER, VERSION
 from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur import conversation, primary
@@ -92,8 +92,8 @@ class UniversalRobots:
         """The name of the program that plays, empty where the software tells no names; None where none plays. Raises RobotUnreachable."""
         return conversation.playing_program(host, robot_api_port=self.robot_api_port)
 
-    def stop_program(self, host: str, ours: OurProgram) -> bool:
-        """End our program and no other. False where the controller did not show that it has ended."""
+    def stop_program(self, host: str, ours: OurProgram) -> OurEnd:
+        """End our program and no other. Returns how it has ended, as the controller shows it."""
         return conversation.stop_program(host, ours, robot_api_port=self.robot_api_port)
 
 
