@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from command_line import ended
-from prepared import Process
+from prepared import Process, run
 
 from monitor.errors import BusError
 from monitor.publish.client import Client
@@ -284,9 +284,7 @@ def test_a_wrong_configuration_ends_with_78_and_every_mistake(tmp_path: Path):
     """The service manager must not restart it, and the operator sees all mistakes at once."""
     config = tmp_path / "wrong.toml"
     config.write_text('[robot]\nmodel = "ur7"\nsite = "A"\nid = "b"\n[replay]\nalow_motion = true\n')
-    ended = subprocess.run(
-        [sys.executable, "-m", "monitor", "run", "--config", str(config)], capture_output=True, text=True, timeout=60, check=False
-    )
+    ended = run([sys.executable, "-m", "monitor", "run", "--config", str(config)], 60.0)
     assert ended.returncode == 78
     for part in ("ur7", "known are", "'A'", "did you mean allow_motion"):
         assert part in ended.stderr

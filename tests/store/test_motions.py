@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from prepared import Process
 
 from monitor.errors import MotionRefused, StoreError
 from monitor.store import schema as module
@@ -32,7 +33,7 @@ def begun(store: Store, at: float = 1.0, ledger_id: int | None = None, serial: s
 
 def test_a_motion_whose_process_was_killed_becomes_a_stop_that_waits(tmp_path: Path):
     """While the process lives its motion is no stop, and nobody else may move the arm. After SIGKILL the next look makes a stop of it."""
-    process = subprocess.Popen([sys.executable, "-c", BEGIN, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    process = Process([sys.executable, "-c", BEGIN, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == "moving\n"
         with Store.open(tmp_path) as store:

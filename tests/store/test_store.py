@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from prepared import Process
 
 from monitor.errors import StoreError
 from monitor.store.store import Store
@@ -174,7 +175,7 @@ with Store.open(Path(sys.argv[1])) as store:
 def test_sigkill_at_any_moment_loses_and_repeats_nothing(tmp_path: Path):
     """Everything that the writer reported as committed is there once after SIGKILL. Revision, events and history agree."""
     for _ in range(6):
-        process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+        process = Process([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True)
         committed = -1
         for _ in range(25):
             committed = int(process.stdout.readline())
