@@ -10,6 +10,7 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
 
 import pytest
+import real_time
 from hypothesis import settings
 
 ROOT = Path(__file__).parent.parent
@@ -136,6 +137,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     A process of the idle class ends its turn at once when the arm wakes up; one that is only nice may first use up a part of it.
     """
     place = _place(item)
+    real_time.wanted = place.startswith(REAL_TIME)
     if "PYTEST_XDIST_WORKER" not in os.environ or place.startswith(REAL_TIME):
         return
     if place.startswith(WAITING):

@@ -17,6 +17,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import real_time
+
 ROOT = Path(__file__).parent.parent
 SERVER = ROOT / "tests" / "prepared_start.py"
 PR_SET_CHILD_SUBREAPER = 36  # option of prctl(2): orphans become children of this process
@@ -96,6 +98,7 @@ class Process(subprocess.Popen):
             "environment": environment,
             "niceness": os.nice(0),
             "policy": os.sched_getscheduler(0),
+            "real_time": real_time.wanted,
         }
         self.pid = _preparation("simulate" if command[1:3] == ["-m", "monitor.simulate"] else "monitor").start(request, streams)
         self._child_created = True

@@ -15,6 +15,8 @@ import time
 import types
 from typing import Any
 
+import real_time
+
 
 def main() -> None:
     """Fork for each request until the other side ends; only forked processes return from `requests`."""
@@ -67,6 +69,9 @@ def become(request: dict[str, Any]) -> None:
         os.sched_setscheduler(0, request["policy"], os.sched_param(0))
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
+    real_time.wanted = request["real_time"]
+    if real_time.wanted and request["arguments"][:2] == ["-m", "monitor.simulate"]:
+        real_time.give(0, real_time.ARM)
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])

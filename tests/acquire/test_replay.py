@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import real_time
 from excitations import short
 from prepared import Process
 from processes import children
@@ -21,6 +22,7 @@ from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.ur.process import Child
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -142,6 +144,16 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
     assert context.firmware.startswith("3.")
     assert begun_unix_s < context.recorded_at_unix_s < time.time() - excitation.duration_s
     assert children() == []
+
+
+def test_an_arm_and_what_sends_its_targets_go_before_other_work_where_the_system_permits_it(arm):
+    """Neither is late because of another test, or of what else the machine does; where nothing is permitted both are as this process is."""
+    child = Child(real_time.STREAMS, {})
+    try:
+        found = [os.sched_getscheduler(pid) for pid in (arm.process.pid, child._process.pid)]
+    finally:
+        child.end()
+    assert found == [os.SCHED_RR if real_time.permitted() else os.sched_getscheduler(0)] * 2
 
 
 def test_an_e_series_arm_is_recorded_at_125_hz_too():
