@@ -1,9 +1,10 @@
 """What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
 
+import gc
 import os
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -69,6 +70,17 @@ GIVE_SOME_WAY = 10  # of the worker that waits: before those that only compute, 
 ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
 # for a client, a browser, a period: two thirds of the time on the wire
 MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is made while the tests are read stays: to look for rubbish in it again and again takes a third of that time, in each worker."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
