@@ -4,7 +4,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 
 from monitor.config.schema import Configuration
@@ -13,11 +13,11 @@ from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
 from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.service.problems import Problems
-from monitor.service.pruning import prune
-from monitor.store.archive import Archive, Copy
+from monitor.service.pruning import going, prune
+from monitor.store.archive import Archive, ArchivedRecording, Copy
 from monitor.store.archive_settings import ArchiveSettings
 from monitor.store.archived import ArchivedRow, Waiting
-from monitor.store.archiving import bring, sizes
+from monitor.store.archiving import bring, changed, copies, listed
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -53,6 +53,8 @@ class Uploads:
         self._failures = 0
         self._left: dict[int, str | None] = {}  # windows that are not tried again until a restart, and what is wrong; None: no file
         self._gone: list[ArchivedRow] = []  # neither here nor there any more
+        self._unsound: list[str] = []  # what the archive holds otherwise than it was brought there
+        self._going: list[int] = []  # windows whose recordings may go from here once the archive's copy was read back
         self._compared = -math.inf  # monotonic: when history and archive were compared
         self._began: float | None = None  # monotonic: since when an upload is under way
 
@@ -72,13 +74,16 @@ class Uploads:
             stopping.wait(pause_s)
 
     def step(self) -> float:
-        """Bring the oldest recordings that wait, or compare history and archive. Returns how long to wait before the next step [s]."""
+        """Bring the oldest recordings that wait, let go of old ones, or compare history and archive.
+
+        Returns how long to wait before the next step [s].
+        """
         settings = self._in_force()
         if settings is None:
             return IDLE_S
-        listed = self._store.archived.waiting(len(self._left) + AT_A_TIME)
-        waiting = [each for each in listed if each.ledger_id not in self._left][:AT_A_TIME]
-        if not waiting and self._monotonic() - self._compared < DAY_S:
+        oldest = self._store.archived.waiting(len(self._left) + AT_A_TIME)
+        waiting = [each for each in oldest if each.ledger_id not in self._left][:AT_A_TIME]
+        if not waiting and not self._going and self._monotonic() - self._compared < DAY_S:
             self._failures = 0
             self._tell_left()
             return IDLE_S
@@ -86,6 +91,8 @@ class Uploads:
         try:
             if waiting:
                 self._bring(settings, waiting)
+            elif self._going:
+                self._let_go(settings)
             else:
                 self._compare(settings)
         except (ArchiveRefused, ArchiveUnavailable, ComputingFailed) as error:
@@ -111,7 +118,8 @@ class Uploads:
         """The settings in force, which the history notes; None where there is no archive."""
         settings = self._configuration().archive
         if settings != self._settings:
-            self._left, self._gone, self._compared, self._failures = {}, [], -math.inf, 0
+            self._left, self._gone, self._unsound, self._going = {}, [], [], []
+            self._compared, self._failures = -math.inf, 0
             if settings is None:
                 self._problems.clear(PROBLEM)
             else:
@@ -132,25 +140,66 @@ class Uploads:
                     self._left[number] = outcome
 
     def _compare(self, settings: ArchiveSettings) -> None:
-        """Once a day: what the archive has lost is brought again from here, and only what it still has may go from here."""
+        """Once a day: what the archive has lost is brought again from here, and what the history has forgotten is noted again."""
+        robot = self._configuration().robot
         root = Archive.open(settings).address("")
         rows = [row for row in self._store.archived.rows() if row.address.startswith(root)]
-        arms = sorted({(site, robot) for site, robot in (_arm_of(row.address[len(root) :]) for row in rows)})
-        present = self._compute(sizes, settings, arms)
-        lost = [row for row in rows if present.get(row.address) != row.size]
+        arms = sorted({(robot.site, robot.id), *(_arm_of(row.address[len(root) :]) for row in rows)})
+        present = self._compute(listed, settings, arms)
+        self._unsound = []
+        self._note_forgotten(settings, present, {row.address for row in rows})
+        lost = [row for row in rows if (there := present.get(row.address)) is None or there.size != row.size]
         self._gone = [row for row in lost if not self._store.recordings.path(row.ledger_id).is_file()]
         for row in lost:
             if row not in self._gone:
                 log.warning("replay=%d is not in the archive any more, and is brought again: %s", row.ledger_id, row.address)
                 self._store.archived.remove(row.ledger_id)
         among = {row.ledger_id for row in rows} - {row.ledger_id for row in lost}
-        prune(self._store, self._configuration().store, self._problems, self._now(), among)
+        self._going = going(self._store, self._configuration().store, self._now(), among)
         self._compared = self._monotonic()
+
+    def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> None:
+        """A history that was restored from an older backup does not know what was archived since: number and time say which it is."""
+        unknown: dict[int, list[ArchivedRecording]] = {}
+        for address, each in present.items():
+            if address not in known:
+                unknown.setdefault(each.replay, []).append(each)
+        there = []
+        for window in self._store.archived.forgotten() if unknown else ():
+            found = [each for each in unknown.get(window.ledger_id, ()) if window.may_be(each.recorded_at_unix_s)]
+            there += [(window.ledger_id, found[0])] if len(found) == 1 else []  # of several nobody knows which it is
+        if not there:
+            return
+        with closing(self._compute.steps(copies, settings, there)) as outcomes:
+            for number, outcome in outcomes:
+                self._began = self._monotonic()
+                if isinstance(outcome, Copy):
+                    self._store.archived.add(number, outcome, self._now())
+                    self._left.pop(number, None)
+                    log.info("found again in the archive: replay=%d %s", number, outcome.address)
+                else:
+                    self._unsound.append(f"replay {number}: {outcome}")
+
+    def _let_go(self, settings: ArchiveSettings) -> None:
+        """Remove some of the recordings that retention lets go, each after its copy in the archive was read back and compared."""
+        some = self._going[:AT_A_TIME]
+        rows = [row for number in some if (row := self._store.archived.of(number)) is not None]
+        sound = set()
+        with closing(self._compute.steps(changed, settings, rows)) as outcomes:
+            for number, wrong in outcomes:
+                self._began = self._monotonic()
+                if wrong is None:
+                    sound.add(number)
+                else:
+                    self._unsound.append(f"replay {number}: {wrong}; the recording stays here")
+        prune(self._store, self._configuration().store, self._problems, self._now(), sound)
+        self._going = self._going[len(some) :]
 
     def _tell_left(self) -> None:
         """The problem of what the archive has lost, or holds otherwise; none where there is nothing of it."""
         texts = [f"{row.address}: is not there any more, and not here: restore it from a copy" for row in self._gone]
         texts += [f"replay {number}: {text}; the recording stays here" for number, text in self._left.items() if text is not None]
+        texts += self._unsound
         more = f"; and {len(texts) - 1} more" if len(texts) > 1 else ""
         self._problems.update(PROBLEM, f"{texts[0]}{more}" if texts else None)
 

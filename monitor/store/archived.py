@@ -1,10 +1,12 @@
 """Which recordings of a history the archive has, and which wait for it. I/O."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import NamedTuple
 
-from monitor.store.archive import Copy, RecordingCache
+from monitor.errors import ArchiveConflict, StoreError
+from monitor.store.archive import DIGITS, Copy, RecordingCache
 from monitor.store.archive_settings import ArchiveSettings
 from monitor.store.database import Database, Notes
 from monitor.store.recordings import RecordingFolder
@@ -34,6 +36,20 @@ class Waiting(NamedTuple):
     window_unix_s: float
 
 
+class Forgotten(NamedTuple):
+    """A recording that is not here, and of which this history does not know that it ever was in the archive."""
+
+    ledger_id: int
+    times_unix_s: tuple[float, ...]  # that its name in the archive may hold
+    from_unix_s: float  # between these it was made
+    to_unix_s: float
+
+    def may_be(self, recorded_at_unix_s: float) -> bool:
+        """Whether a recording of the same number that was made at a time, in full seconds, is this one."""
+        between = int(self.from_unix_s) <= recorded_at_unix_s <= self.to_unix_s
+        return between or any(int(at) == recorded_at_unix_s for at in self.times_unix_s)
+
+
 class Archived:
     """The recordings of one history in its archive, and where a recording is now."""
 
@@ -51,6 +67,22 @@ class Archived:
         """How many recordings wait, and the start of the oldest one's window."""
         ((count, since),) = self._db.rows(f"SELECT count(*), min(started_at_unix_s) {_WAITING}")
         return int(count), since
+
+    def forgotten(self) -> list[Forgotten]:
+        """Recordings with an outcome that are neither here nor, as far as this history knows, in the archive; by their windows.
+
+        A history that was restored from an older backup does not know what was archived since.
+        """
+        rows = self._db.rows(
+            "SELECT id, recording, window_unix_s, started_at_unix_s, ended_at_unix_s, a.recorded_at_unix_s "
+            "FROM ledger LEFT JOIN archived r ON r.ledger_id = id LEFT JOIN assessment a ON a.ledger_id = id "
+            "WHERE state IN ('assessed', 'rejected') AND recording IS NOT NULL AND r.ledger_id IS NULL ORDER BY id"
+        )
+        return [
+            Forgotten(number, tuple(at for at in (window, judged) if at is not None), started, started if ended is None else ended)
+            for number, name, window, started, ended, judged in rows
+            if not (self._recordings.directory / name).is_file()
+        ]
 
     def add(self, ledger_id: int, copy: Copy, at_unix_s: float) -> None:
         """Note that the archive has this recording. What is noted once stays."""
@@ -93,14 +125,30 @@ class Archived:
         return None if noted is None else ArchiveSettings.from_document(json.loads(noted))
 
     def path(self, ledger_id: int) -> Path:
-        """The file of a window's recording: the local one, else one that is fetched from the archive and compared with the history.
+        """The file of a window's recording: the local one, else one that is fetched from the archive; each is compared with the history.
 
         Where neither has it, the path of the local file that is not there. Raises ArchiveUnavailable, ArchiveRefused, ArchiveConflict.
         """
-        local = self._recordings.path(ledger_id)
+        local, row = self._recordings.path(ledger_id), self.of(ledger_id)
         if local.is_file():
+            if row is not None:
+                _compare(local, row)
             return local
-        row, settings = self.of(ledger_id), self.place()
+        settings = self.place()
         if row is None or settings is None:
             return local
         return RecordingCache().fetched(settings, row.address, row.sha256)
+
+
+def _compare(local: Path, row: ArchivedRow) -> None:
+    """Raises ArchiveConflict where the local file is not what was archived, StoreError where it cannot be read."""
+    try:
+        with local.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise StoreError(f"{local}: cannot be read: {error.strerror}") from None
+    if found != row.sha256:
+        raise ArchiveConflict(
+            f"{local}: is not the recording that was made: its SHA-256 begins with {found[:DIGITS]}, expected {row.sha256[:DIGITS]}; "
+            f"move it away: {row.address} is taken in its place"
+        )

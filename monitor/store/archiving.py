@@ -1,11 +1,12 @@
-"""What a process of its own does for the archive, because a daemon need not hold its libraries: bring recordings, list them. I/O."""
+"""What a process of its own does for the archive, whose libraries a daemon need not hold: bring recordings, list, read back. I/O."""
 
+import hashlib
 from collections.abc import Generator, Sequence
 
 from monitor.errors import ArchiveConflict, StoreError
-from monitor.store.archive import Archive, Copy, key_of
+from monitor.store.archive import Archive, ArchivedRecording, Copy, key_of, split_address
 from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.archived import Waiting
+from monitor.store.archived import ArchivedRow, Waiting
 from monitor.store.recordings import recorded_at_unix_s
 
 
@@ -33,7 +34,29 @@ def bring(
             yield each.ledger_id, str(conflict)
 
 
-def sizes(settings: ArchiveSettings, arms: Sequence[tuple[str, str]]) -> dict[str, int]:
-    """Address and size of every recording of some arms, (site, robot). Raises ArchiveUnavailable, ArchiveRefused."""
+def listed(settings: ArchiveSettings, arms: Sequence[tuple[str, str]]) -> dict[str, ArchivedRecording]:
+    """Every recording of some arms, (site, robot), by its address. Raises ArchiveUnavailable, ArchiveRefused."""
     archive = Archive.open(settings)
-    return {archive.address(each.key): each.size for site, robot in arms for each in archive.recordings(site, robot)}
+    return {archive.address(each.key): each for site, robot in arms for each in archive.recordings(site, robot)}
+
+
+def changed(settings: ArchiveSettings, rows: Sequence[ArchivedRow]) -> Generator[tuple[int, str | None], None, None]:
+    """Read recordings back, in order: the window of each, and what is wrong with its content, or None. Raises as `listed`."""
+    archive = Archive.open(settings)
+    for row in rows:
+        try:
+            archive.read(split_address(row.address)[1], row.sha256)
+            yield row.ledger_id, None
+        except ArchiveConflict as conflict:
+            yield row.ledger_id, str(conflict)
+
+
+def copies(settings: ArchiveSettings, there: Sequence[tuple[int, ArchivedRecording]]) -> Generator[tuple[int, Copy | str], None, None]:
+    """Read recordings of windows that forgot them: the copy that each is, or what is wrong with it. Raises as `listed`."""
+    archive = Archive.open(settings)
+    for ledger_id, each in there:
+        try:
+            content = archive.read(each.key, each.digest)
+            yield ledger_id, Copy(archive.address(each.key), hashlib.sha256(content).hexdigest(), len(content), was_there=True)
+        except ArchiveConflict as conflict:
+            yield ledger_id, str(conflict)

@@ -53,6 +53,21 @@ class Retention:
         among : the windows whose recordings the archive has; all others stay, whatever the limits. but : windows whose recordings stay.
         Raises StoreError where one cannot be removed.
         """
+        going = self.going(days=days, most_bytes=most_bytes, at_unix_s=at_unix_s, among=among, but=but)
+        for each in going:
+            try:
+                each.path.unlink(missing_ok=True)
+                if among is None:  # the archive has no first passes
+                    self._recordings.first_pass_path(each.ledger_id).unlink(missing_ok=True)
+            except OSError as error:
+                raise StoreError(f"{each.path}: cannot be removed: {error.strerror}") from None
+            self._ledger.mark_removed(each.ledger_id, at_unix_s)
+        return [each.path.name for each in going]
+
+    def going(
+        self, *, days: float, most_bytes: float, at_unix_s: float, among: Collection[int] | None = None, but: Collection[int] = ()
+    ) -> list[KeptRecording]:
+        """The recordings that `prune` would remove, oldest first; those that somebody else has removed are noted."""
         kept = []
         for row in self._ledger.rows(states=("assessed", "rejected")):
             if row.recording is None or row.removed_at_unix_s is not None:
@@ -63,13 +78,4 @@ class Retention:
             except FileNotFoundError:
                 self._ledger.mark_removed(row.id, at_unix_s)  # a person removed it, or a crash came between removing and noting
         going = to_prune(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
-        going = [each for each in going if each.ledger_id not in but and (among is None or each.ledger_id in among)]
-        for each in going:
-            try:
-                each.path.unlink(missing_ok=True)
-                if among is None:  # the archive has no first passes
-                    self._recordings.first_pass_path(each.ledger_id).unlink(missing_ok=True)
-            except OSError as error:
-                raise StoreError(f"{each.path}: cannot be removed: {error.strerror}") from None
-            self._ledger.mark_removed(each.ledger_id, at_unix_s)
-        return [each.path.name for each in going]
+        return [each for each in going if each.ledger_id not in but and (among is None or each.ledger_id in among)]
