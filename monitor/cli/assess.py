@@ -26,7 +26,7 @@ from monitor.errors import BadInput
 if TYPE_CHECKING:
     from monitor.store.series import Entry, Series
 
-EXIT_DIFFERENT = 3  # of `assess --from-store`: the recomputation of a verdict gave another result
+EXIT_DIFFERENT = 3  # of `assess --from-store`: a verdict came out otherwise, or a recording is not the one that was made
 FLEET_JOINTS = 6  # of an arm of the simulated fleet
 NOISE = 0.02  # σ of its friction from replay to replay
 WORLD_DAYS = 1095  # of an arm of a world
@@ -47,7 +47,10 @@ def assess(
     why: Annotated[int | None, typer.Option(min=1, max=6, help="Of this joint: why does it not alert?", show_default=False)] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Judge a series of recordings in the order of their times, as the daemon would. Exit 3: --from-store found a verdict that differs."""
+    """Judge a series of recordings in the order of their times, as the daemon would.
+
+    Exit 3: --from-store found a verdict that differs, or a recording that is not the one that was made.
+    """
     if from_store:
         given = (files, robot, mounting, columns, gains, manifest, interval)
         _assess_from_store(config, others=any(value is not None for value in given), as_json=as_json)
@@ -182,7 +185,9 @@ def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> N
             typer.echo(f"  changed since: {line}")
         for each in document["differing"]:
             typer.echo(f"  replay {each['replay']}: {each['figures']} figures, e.g. {'; '.join(each['differs'][:2])}")
-    if document["different"]:
+        for each in document["other_recordings"]:
+            typer.echo(f"  replay {each['replay']}: {each['why']}")
+    if document["different"] or document["other_recordings"]:
         raise typer.Exit(EXIT_DIFFERENT)
 
 

@@ -34,6 +34,8 @@ from monitor.store.store import Store
 from monitor.store.works import Amendment
 
 MOST_LISTED = 20  # assessments in the list of differences, and figures of each
+# beginnings of the reason why a verdict cannot be repeated: its recording is not there any more, or is not the one that was made
+GONE, CHANGED = "gone: ", "changed: "
 
 Change = AlertEvent | Amendment | DayOfWork  # of the estimator's state between two replays
 
@@ -98,6 +100,7 @@ class Tally:
         self._store = store
         self._counts = {"identical": 0, "different": 0, "not_recomputable": 0, "unknown_circumstances": 0}
         self._differing: list[dict[str, Any]] = []
+        self._other_recordings: list[dict[str, Any]] = []  # that are not those that were made
         self._changed: dict[str, None] = {}
         self._seen: set[str] = set()  # provenances that were compared
 
@@ -110,11 +113,13 @@ class Tally:
             self._counts["different" if wrong else "identical"] += 1
             if wrong and len(self._differing) < MOST_LISTED:
                 self._differing.append({"replay": replay.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_LISTED]})
-        elif each.known and each.why and not each.why.startswith("gone"):
+        elif each.known and each.why and not each.why.startswith((GONE, CHANGED)):
             self._counts["different"] += 1
             self._differing.append({"replay": replay.ledger_id, "figures": 1, "differs": [each.why]})
         else:
             self._counts["not_recomputable"] += 1
+            if each.why.startswith(CHANGED):
+                self._other_recordings.append({"replay": replay.ledger_id, "why": each.why.removeprefix(CHANGED)})
 
     def document(self) -> dict[str, Any]:
         """The counts, the differences, and their possible causes."""
@@ -124,6 +129,7 @@ class Tally:
             **counts,
             "changed_since": list(self._changed),
             "differing": self._differing,
+            "other_recordings": self._other_recordings,
             "circumstances": provenance(),
         }
 
@@ -155,11 +161,11 @@ def _inputs(store: Store, verdict: JudgedReplay, state: EstimatorState) -> tuple
     try:
         recording = read_recording(store.archived.path(verdict.ledger_id))
     except BadInput as error:
-        return None, f"gone: {error}"
+        return None, f"{GONE}{error}"
     except ArchiveConflict as error:
-        return None, f"cannot be assessed any more: {error}"
+        return None, f"{CHANGED}{error}"
     if verdict.made_with is None:
-        return None, "gone: made before the settings of a verdict were kept with it"
+        return None, f"{GONE}made before the settings of a verdict were kept with it"
     with_ = store.assessments.provenance(verdict.made_with)
     gains = with_["gains_nm_per_a"]
     inputs = Inputs(

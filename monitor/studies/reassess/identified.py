@@ -21,7 +21,7 @@ from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Context
 
-IDENTIFIED, UNIDENTIFIABLE, REFUSED, GONE = "identified", "unidentifiable", "refused", "gone"
+IDENTIFIED, UNIDENTIFIABLE, REFUSED, GONE, CHANGED = "identified", "unidentifiable", "refused", "gone", "changed"
 _ARRAYS = (
     "values", "covariance", "coulomb_nm", "viscous_nm_s_per_rad", "friction_cov", "temperature_c", "max_speed_rad_s", "rms_nm",
     "relative_rms", "rms_all_nm", "warming_k_per_min", "mean_speed_rad_s", "residual_peak_rad",
@@ -35,7 +35,7 @@ class IdentifiedReplay:
     """One recording after its identification, or why there is none."""
 
     replay: int  # its number in the ledger
-    state: str  # IDENTIFIED; UNIDENTIFIABLE: too little motion; REFUSED: does not fit the arm; GONE: no recording
+    state: str  # IDENTIFIED; UNIDENTIFIABLE: too little motion; REFUSED: does not fit the arm; GONE: no recording; CHANGED: another one
     reason: str = ""
     sha256: str = ""  # of the file
     context: Context = field(default_factory=Context)

@@ -15,7 +15,7 @@ from monitor.service.history.recompute import settings_from_document
 from monitor.store.recordings import RecordingFolder, recording_of
 from monitor.studies.reassess.cost import Cost, Meter
 from monitor.studies.reassess.files import Files, ReadAhead
-from monitor.studies.reassess.identified import GONE, IDENTIFIED, REFUSED, UNIDENTIFIABLE, IdentifiedReplay, to_bytes
+from monitor.studies.reassess.identified import CHANGED, GONE, IDENTIFIED, REFUSED, UNIDENTIFIABLE, IdentifiedReplay, to_bytes
 from monitor.studies.reassess.memory import keep_memory
 from monitor.studies.reassess.plan import Month, Stored
 from monitor.studies.reassess.program import IDENTIFIES, address_of, program
@@ -71,7 +71,7 @@ def _identify(stored: Stored, digest: str, inputs: dict[str, Any], contents: Rea
     except BadInput as wrong:
         return IdentifiedReplay(replay=stored.replay, state=GONE, reason=str(wrong))
     except ArchiveConflict as wrong:
-        return IdentifiedReplay(replay=stored.replay, state=REFUSED, reason=str(wrong))
+        return IdentifiedReplay(replay=stored.replay, state=CHANGED, reason=str(wrong))
     gains = inputs["gains_nm_per_a"]
     settings: AssessSettings = settings_from_document(AssessSettings, inputs["settings"])
     found, state, reason = None, IDENTIFIED, ""

@@ -14,14 +14,15 @@ from monitor.errors import BadInput, StoreError
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.history.recompute import Tally, amended, repeat
+from monitor.service.history.recompute import CHANGED, GONE, Tally, amended, repeat
 from monitor.store.assessments import JudgedReplay
 from monitor.store.store import Store
+from monitor.studies.reassess import identified
 from monitor.studies.reassess.amendments import AmendAnew
 from monitor.studies.reassess.compare import SAME, UNKNOWN, Said, changed_alerts, episodes
 from monitor.studies.reassess.cost import Cost, Meter
 from monitor.studies.reassess.files import PRUNED, require_folder
-from monitor.studies.reassess.identified import GONE, REFUSED, UNIDENTIFIABLE, IdentifiedReplay, from_bytes
+from monitor.studies.reassess.identified import REFUSED, UNIDENTIFIABLE, IdentifiedReplay, from_bytes
 from monitor.studies.reassess.identify_month import KIND as IDENTIFIED
 from monitor.studies.reassess.memory import keep_memory
 from monitor.studies.reassess.plan import Arm, replays_of
@@ -90,7 +91,7 @@ def _judged(store: Store, replays: Sequence[JudgedReplay], months: "_Months", ch
             tracks.add(outcome)
             continue
         judge.left_out["unknown_state"] += not each.known
-        gone = each.why.startswith("gone")
+        gone = each.why.startswith((GONE, CHANGED))
         if not each.known or gone:
             unjudged.add(replay.recorded_at_unix_s)
         if not each.known or (gone and not (changes and tracks.count)):  # the state that follows is one of the history, with its alerts
@@ -107,7 +108,7 @@ def _judged(store: Store, replays: Sequence[JudgedReplay], months: "_Months", ch
         "alerts": alerts,
     }
     if not changes:
-        document["verdicts"] = {key: value for key, value in tally.document().items() if key != "circumstances"}
+        document["verdicts"] = {key: value for key, value in tally.document().items() if key not in ("circumstances", "other_recordings")}
     if any(row["change"] not in (SAME, UNKNOWN) for row in alerts):
         document["friction"] = {"then": _then(store), "now": tracks.thinned()}
     return document
@@ -118,7 +119,7 @@ class _Judge:
 
     def __init__(self, store: Store, months: "_Months", changes: Mapping[str, Any]) -> None:
         self.errors: list[dict[str, Any]] = []
-        self.left_out = {"gone": 0, "rejected": 0, "unknown_state": 0}
+        self.left_out = {"gone": 0, "changed": 0, "rejected": 0, "unknown_state": 0}
         self._store, self._months, self._changes = store, months, changes
         self._settings: dict[str, AssessSettings] = {}
 
@@ -127,10 +128,14 @@ class _Judge:
         if replay.made_with is None:
             return self._gone("made before the settings of a verdict were kept with it")
         row, settings = self._months.replay(replay), self._settings_of(replay.made_with)
-        if row is None or row.state == GONE:
+        if row is None or row.state == identified.GONE:
             if row is not None and row.reason != PRUNED:
                 self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             return self._gone("no identification" if row is None else row.reason)
+        if row.state == identified.CHANGED:
+            self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
+            self.left_out["changed"] += 1
+            return None, f"{CHANGED}{row.reason}"
         outcome: Assessment | Rejected | None = refusal(row.context, row.quality, row.samples, state.belief, settings.trust)
         try:
             if outcome is None and row.state == UNIDENTIFIABLE:
@@ -151,7 +156,7 @@ class _Judge:
 
     def _gone(self, reason: str) -> tuple[None, str]:
         self.left_out["gone"] += 1
-        return None, f"gone: {reason}"
+        return None, f"{GONE}{reason}"
 
     def _settings_of(self, made_with: str) -> AssessSettings:
         if made_with not in self._settings:

@@ -14,7 +14,7 @@ from monitor.studies.reassess.program import worker_facts
 from monitor.studies.reassess.results import Results, whole
 from monitor.studies.reassess.run import Outcome, Reassessment, Show
 
-LEFT_OUT = ("gone", "rejected", "unknown_state")
+LEFT_OUT = ("gone", "changed", "rejected", "unknown_state")
 OF_ALL = ("identical", "different", "not_recomputable")
 
 

@@ -31,6 +31,7 @@ def print_reassessment(document: dict[str, Any], pictures: Sequence[str] = ()) -
         say(f"computed on several kinds of processors, whose last digits may differ: {'; '.join(document['processors'])}")
     for name, text in (
         ("gone", "have no recording any more"),
+        ("changed", "have another recording than was made"),
         ("rejected", "are rejected"),
         ("unknown_state", "follow one of these, up to the next state that the history has kept"),
     ):
