@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
+
 from monitor.acquire.schedule.needed import Need, Told, need
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.judge.alerts.health import Health
 from monitor.judge.belief import Belief
+from monitor.judge.drift.suspicion import doubted_rise
 from monitor.publish.timestamps import rfc3339
 from monitor.store.store import Store
 
@@ -16,7 +19,8 @@ def told(store: Store | None, belief: Belief | None, health: Health | None) -> T
         return Told(began_unix_s=None if store is None else store.ledger.began_unix_s())
     joints = tuple(-math.inf if joint.learnt_at_unix_s is None else joint.learnt_at_unix_s for joint in health.joints)
     asks, suspects = ((), ()) if belief.ordinary_work is None else (belief.ordinary_work.asks, belief.ordinary_work.suspects)
-    return Told(store.ledger.began_unix_s(), store.ledger.learnt_at_unix_s(), joints, asks, suspects)
+    doubted = tuple(int(j) + 1 for j in np.flatnonzero(doubted_rise(belief.filter_state)))
+    return Told(store.ledger.began_unix_s(), store.ledger.learnt_at_unix_s(), joints, asks, suspects, doubted)
 
 
 def needed(settings: ScheduleSettings, store: Store | None, belief: Belief | None, health: Health | None) -> Need:

@@ -22,6 +22,7 @@ LEARNT = Told(NOW - 90 * DAY, NOW - 10 * DAY, (NOW,) * 6)
         (LEARNT._replace(began_unix_s=NOW - 20 * DAY), -math.inf, "the first 14 days"),
         (LEARNT._replace(asks=(2, 5)), -math.inf, "joints 2, 5"),
         (LEARNT._replace(suspects=(3,)), -math.inf, "work makes wear of joint 3 likely"),
+        (LEARNT._replace(doubted=(5,)), -math.inf, "the last replays make a change of joint 5 likely"),
         (LEARNT._replace(joints_unix_s=(NOW, NOW, NOW, NOW - 5 * DAY, NOW, NOW)), NOW + 2 * DAY, "enough of joint 4:"),
         (LEARNT._replace(joints_unix_s=(NOW, -math.inf, NOW, NOW, NOW, NOW)), -math.inf, "enough of joint 2:"),
         (LEARNT, NOW + 7 * DAY, "joints 1, 2, 3, 4, 5, 6"),

@@ -12,6 +12,7 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.from_work import begin_work, swapped
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.suspicion import DOUBT_REPLAYS, doubted_rise
 from monitor.judge.learn_work import WorkAssessment, assess_work
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
@@ -183,6 +184,35 @@ def test_work_that_makes_wear_likely_asks_for_replays_before_it_is_sure(plant):
     assert plant.history.last.belief.ordinary_work.suspects in {(), (2,)}
     plant.replay(LEARNT + 42, worn(2, 0.05))
     assert plant.history.last.belief.ordinary_work.suspects == ()
+
+
+def test_a_doubtful_replay_of_a_joint_that_work_never_moves_asks_for_the_next_one_until_replays_have_told(plant):
+    """Joint 4 is known by replays alone: one that shows 6 % more is a doubt, a few without it end the doubt, and a step stays in
+    doubt until it is found. Joint 2, of which work tells, is not asked for so.
+    """
+
+    def doubted() -> list[int]:
+        return (np.flatnonzero(doubted_rise(plant.history.last.belief.filter_state)) + 1).tolist()
+
+    for day in range(LEARNT + 20, LEARNT + 30):
+        plant.work(day)
+    assert doubted() == []
+    plant.replay(LEARNT + 30, worn(4, 0.06) + worn(2, 0.06))
+    assert doubted() == [4]
+    for day in range(LEARNT + 31, LEARNT + 31 + DOUBT_REPLAYS):
+        plant.replay(day)
+    assert 4 not in doubted()
+    found = []
+    for day in range(LEARNT + 31 + DOUBT_REPLAYS, LEARNT + 75):
+        if day < LEARNT + 60:
+            plant.work(day)
+            continue
+        plant.replay(day, worn(4, 0.1))
+        if (4, "advisory") in alerts(plant) or (4, "wear") in alerts(plant):
+            found.append(day)
+            break
+        assert doubted() == [4]
+    assert found[0] < LEARNT + 68
 
 
 def test_a_replay_that_disagrees_with_work_keeps_the_wear_tier_from_being_raised(plant):

@@ -21,13 +21,13 @@ def learnt():
     """One arm with two joints after its learning days, the last replay on day 20."""
     needs = Needs(1, 2)
     assert needs.at(0, SCHEDULE).all()
-    needs.replayed(20, ALL, QUIET)
+    needs.replayed(20, ALL, QUIET, NONE)
     return needs
 
 
 def test_a_joint_that_work_never_moves_is_replayed_after_untold_days_and_one_that_it_does_after_at_most_days(learnt):
     moved = Needs(1, 2)
-    moved.replayed(20, ALL, QUIET)
+    moved.replayed(20, ALL, QUIET, NONE)
     for day in range(21, 50):
         assert learnt.at(day, SCHEDULE).all() == (day >= 27)
         assert not moved.at(day, SCHEDULE).any()
@@ -41,14 +41,23 @@ def test_what_work_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_ra
     assert learnt.at(21, SCHEDULE).all()
     learnt.worked(22.4, NONE, QUIET, QUIET, NONE)  # a day without work ends no suspicion
     assert learnt.asked.all()
-    learnt.replayed(23, ALL, QUIET)
+    learnt.replayed(23, ALL, QUIET, NONE)
     assert not learnt.at(24, SCHEDULE).any()
     wanted = np.where(FIRST, 0.0, -1.0)
     learnt.worked(24.4, ALL, QUIET, wanted, NONE)
     assert learnt.at(25, SCHEDULE).all()
-    learnt.replayed(25, ALL, wanted)
+    learnt.replayed(25, ALL, wanted, NONE)
     learnt.worked(25.4, ALL, QUIET, wanted, NONE)
     assert not learnt.at(26, SCHEDULE).any()
+
+
+def test_a_replay_in_doubt_asks_for_the_next_one_and_that_one_ends_the_doubt_or_goes_on(learnt):
+    learnt.replayed(21, ALL, QUIET, FIRST)
+    assert learnt.at(22, SCHEDULE).all()
+    learnt.worked(21.4, ALL, QUIET, QUIET, NONE)  # work tells nothing of the joint in doubt
+    assert learnt.at(22, SCHEDULE).all()
+    learnt.replayed(22, ALL, QUIET, NONE)
+    assert not learnt.at(23, SCHEDULE).any()
 
 
 def test_an_arm_whose_work_tells_of_every_joint_replays_seldom_once_it_is_learnt():

@@ -23,6 +23,7 @@ class Told(NamedTuple):
     joints_unix_s: tuple[float, ...] = ()  # (J,) when each joint was told of last, by a replay or by work
     asks: tuple[int, ...] = ()  # joints (from 1) of which work alone has found wear
     suspects: tuple[int, ...] = ()  # joints (from 1) of which work makes wear likely
+    doubted: tuple[int, ...] = ()  # joints (from 1) of which replays alone tell, and the last ones make a step likely
 
 
 class Need(NamedTuple):
@@ -49,6 +50,8 @@ def need(settings: ScheduleSettings, told: Told) -> Need:
         return Need(-math.inf, f"work alone has found wear of {_joints(told.asks)}: a replay shall confirm it")
     if told.suspects:
         return Need(-math.inf, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
+    if told.doubted:
+        return Need(-math.inf, f"the last replays make a change of {_joints(told.doubted)} likely: the next ones shall tell")
     last = told.replayed_unix_s + DAY_S * settings.at_most_days
     oldest = min(told.joints_unix_s)
     untold = oldest + DAY_S * settings.untold_days

@@ -1,7 +1,10 @@
-"""Which joints are suspected of wear by ordinary work: a change that is likelier than chance, and not yet sure.
+"""Which joints are suspected of wear: a change that is likelier than chance, and not yet sure.
 
 Work is observed daily and replays are rare, and what work shows may be a change of the work. So replays are asked for while a change is
 suspected, and not only once work alone has found it: they confirm it, or end the suspicion.
+
+Of a joint that work never moves, rare replays alone tell. One of them proves nothing, and the next one may be a month away. So a replay
+that is doubtful asks for another one soon: nearly all doubts of healthy joints end with it, and a step is followed daily from then on.
 """
 
 import numpy as np
@@ -10,6 +13,9 @@ from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import likelihood_ratios
 
+WORK_TELLS_DAYS = 7.0  # [d] since work told of a joint: from then on replays alone tell of it
+DOUBT_SIGMA = 2.0  # of a step since one of the last replays
+DOUBT_REPLAYS = 8  # so many of them: an older step is what `suspected_rise` is for
 SUSPICIOUS = 0.4  # of the likelihood ratio from which a change is found: 3.1 σ of 4.85. In healthy arms it asks for 20 replays a year
 
 
@@ -21,3 +27,15 @@ def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
     _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, settings)
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
+
+
+def doubted_rise(state: FilterState) -> np.ndarray:
+    """(N,) whether the last replays make a step likely in a joint of which replays alone tell. An outlier counts in full."""
+    alone = np.ones(state.joints, dtype=bool)
+    if state.sources is not None:
+        alone = (state.sources.other_number == 0) | (state.sources.other_since_days > WORK_TELLS_DAYS)
+    expected = state.glr_informations[:, 0] * state.chance.of_starts()[:, 0]  # (N, W)
+    young = (state.ages < DOUBT_REPLAYS) & (expected > 0)
+    sigmas = np.where(young, state.raw_glr_scores[:, 0] / np.sqrt(np.where(young, expected, 1.0)), 0.0)
+    doubted: np.ndarray = alone & (np.max(sigmas, axis=1) > DOUBT_SIGMA)
+    return doubted

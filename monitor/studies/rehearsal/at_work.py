@@ -7,7 +7,7 @@ and one in each arm never.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Counts, nothing_counted, raised_by_work, wear_of_state, weigh_evidence
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
-from monitor.judge.drift.suspicion import suspected_rise
+from monitor.judge.drift.suspicion import doubted_rise, suspected_rise
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate
 from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear
@@ -163,7 +163,7 @@ def observed_days(fleet: FleetAtWork, days: int, plan: Plan, assess: AssessSetti
         result = step(state, replay, assess.drift, assess.temperature)
         judged, counts = _weigh(result, counts, day, J, assess, now, from_work=False)
         state = result.state
-        needs.replayed(day, *(each.reshape(A, J) for each in (_learnt(result), judged.tier)))
+        needs.replayed(day, *(each.reshape(A, J) for each in (_learnt(result), judged.tier, doubted_rise(state.filter_state))))
         yield judged
 
 
@@ -190,15 +190,20 @@ def _weigh(
 
 
 def played(settings: FleetSettings, wear: Wear | None, work: WorkSettings, plan: Plan, assess: AssessSettings) -> dict[str, Any]:
-    """First alerts of a fleet by a plan, and how often 90 % intervals of friction held the truth, as a document.
+    """First alerts of a fleet by a plan, and how often 90 % intervals of friction held the truth, as a document."""
+    fleet = FleetAtWork(settings, wear, work)
+    return figures(fleet, wear, observed_days(fleet, settings.days, plan, assess), assess)
+
+
+def figures(fleet: FleetAtWork, wear: Wear | None, days: Iterable[Judged], assess: AssessSettings) -> dict[str, Any]:
+    """The same of a fleet that lives its days while they are iterated over.
 
     Days until the worn joint's first tier are counted in the arms without an earlier alert of it.
     """
-    fleet = FleetAtWork(settings, wear, work)
-    N, A = fleet.arms * fleet.joints, fleet.arms
+    settings, N, A = fleet.settings, fleet.arms * fleet.joints, fleet.arms
     first, of_wear, falling, together = np.full(N, np.inf), np.full(N, np.inf), np.full(N, np.inf), np.full(A, np.inf)
     replays, held = 0, [0, 0]
-    for one in observed_days(fleet, settings.days, plan, assess):
+    for one in days:
         if one.day < DAILY_UNTIL:
             continue
         if not one.from_work:

@@ -1,7 +1,7 @@
 """When each arm of a fleet needs a replay, by the daemon's own decision: `[schedule] replay = "when_needed"`.
 
 What the daemon reads in its history is kept here as arrays: when a replay was learnt from, when each joint was told of last, and of which
-joints work has found wear, or makes it likely. Nobody acknowledges an alert: once raised, it stays active.
+joints work has found wear, or makes it likely, or the last replays a change. Nobody acknowledges an alert: once raised, it stays active.
 """
 
 import numpy as np
@@ -20,6 +20,7 @@ class Needs:
         self._replayed = np.full(arms, np.nan)  # [d] the last replay that was learned from
         self._joints = np.full((arms, joints), -np.inf)  # [d] when each joint was told of last
         self._asks, self._suspects = np.zeros((arms, joints), dtype=bool), np.zeros((arms, joints), dtype=bool)
+        self._doubted = np.zeros((arms, joints), dtype=bool)
         self._active = np.full((arms, joints), -1.0)  # tier of each joint's alert, −1: none
 
     @property
@@ -33,12 +34,16 @@ class Needs:
         closes = DAY_S * (day + WINDOW_DAY) + schedule.grace_s
         return np.array([need(schedule, self._told(arm)).at(closes) for arm in range(len(self._replayed))])
 
-    def replayed(self, day: float, learnt: np.ndarray, tier: Array) -> None:
-        """After replays. learnt : (A, J) joints that learned from one; tier : (A, J) to which alerts may be raised, −1: none."""
+    def replayed(self, day: float, learnt: np.ndarray, tier: Array, doubted: np.ndarray) -> None:
+        """After replays. learnt : (A, J) joints that learned from one; tier : (A, J) to which alerts may be raised, −1: none.
+
+        doubted : (A, J) as `doubted_rise`.
+        """
         here: np.ndarray = np.any(learnt, axis=1)
         self._replayed = np.where(here, day, self._replayed)
         self._asks &= ~here[:, None]
         self._suspects &= ~here[:, None]
+        self._doubted = doubted
         self._heard(day, learnt, tier)
 
     def worked(self, day: float, learnt: np.ndarray, tier: Array, wanted: Array, suspected: np.ndarray) -> None:
@@ -61,6 +66,7 @@ class Needs:
             joints_unix_s=tuple((DAY_S * self._joints[arm]).tolist()),
             asks=_numbers(self._asks[arm]),
             suspects=_numbers(self._suspects[arm]),
+            doubted=_numbers(self._doubted[arm]),
         )
 
 

@@ -315,6 +315,8 @@ FROM_WORK = (
     N_("work alone has found wear of {joints} – a replay shall confirm it"),
     N_("work makes wear of {joints} likely: replays shall tell"),
     N_("work makes wear of {joints} likely – replays shall tell"),
+    N_("the last replays make a change of {joints} likely: the next ones shall tell"),
+    N_("the last replays make a change of {joints} likely – the next ones shall tell"),
     N_("work does not tell enough of {joints}: after {days} days a replay is needed"),
     N_("work does not tell enough of {joints} – after {days} days a replay is needed"),
     N_("joint {number}"),
