@@ -83,7 +83,7 @@ class Day(NamedTuple):
     rigid: tuple[RigidFit, ...] | None = None  # weights that each arm's replay identified; None: those of before
 
 
-class _Morning(NamedTuple):
+class Morning(NamedTuple):
     """The fleet after a morning's replay."""
 
     away: np.ndarray  # (A,) whether the arm is on holiday
@@ -146,7 +146,7 @@ class Fleet:
             used_days=self._used_days.copy(),
         )
 
-    def _live_a_day(self, day: int) -> "_Morning":
+    def _live_a_day(self, day: int) -> "Morning":
         """Work and heat until after the morning's replay."""
         rng, A, scenario = self.rng, self.arms, self.scenario
         self._weather = 0.7 * self._weather + np.sqrt(1 - 0.49) * rng.normal(size=A)
@@ -171,7 +171,7 @@ class Fleet:
         before = self._heat.motor.copy()
         self._heat.live(self, REPLAY_MIN / 60.0, room + cold, np.full(A, REPLAY_DUTY))
         after = self._heat.motor
-        return _Morning(away, 0.5 * (before + after), self._heat.grease, (after - before) / REPLAY_MIN)
+        return Morning(away, 0.5 * (before + after), self._heat.grease, (after - before) / REPLAY_MIN)
 
     def _at_work(self, day: int, duty: Array) -> None:
         """The end of a day's work with a duty (A,); a fleet whose work is observed looks at it here."""
@@ -187,7 +187,7 @@ class Fleet:
         self._known[arm[replayed], self._payload[replayed]] = True
         return replayed, opened
 
-    def _observe(self, morning: "_Morning", truth: Array, replayed: np.ndarray) -> Observation:
+    def _observe(self, morning: "Morning", truth: Array, replayed: np.ndarray) -> Observation:
         """What `identify` would make of the replays, by the surrogate, with lost values and outliers of their scenarios."""
         s, rng, shape, scenario = self.settings, self.rng, truth.shape, self.scenario
         rho = s.autocorrelation
