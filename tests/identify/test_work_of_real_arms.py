@@ -66,17 +66,23 @@ def level(found, load_nm):
 
 
 def test_intervals_of_work_hold_what_a_third_run_finds(ur10e):
-    """One run as the replay, another as work: 34 of 36 intervals hold what a replay of the first one's motion would find in the third."""
+    """One run as the replay, another as work: 34 of 36 intervals hold what a replay of the first one's motion would find in the third.
+
+    With half of what friction is assumed to differ by from run to run, 30 would: a narrower first day is not to be had.
+    """
     recordings, arms = ur10e
     load_nm = 0.5 * np.mean([arm.identification.residual_friction.load_nm for arm in arms.values()], axis=0)
     levels = {name: level(arm.identification, load_nm) for name, arm in arms.items()}
-    scores = []
+    scores, narrow = [], []
     for first, work, third in permutations(UNLOADED):
         found = of_work(recordings[work], arms[first])
         expected = arms[first].identification.friction_at(0.4)[0] * levels[third] / levels[first]
         scores.append((found.friction_nm - expected) / found.deviation_nm)
+        narrower = np.sqrt(found.deviation_nm**2 - 0.75 * (SETTINGS.between_runs * found.friction_nm) ** 2)
+        narrow.append((found.friction_nm - expected) / narrower)
     print("held", np.mean(np.abs(scores) < 1.645), "rms z", np.sqrt(np.mean(np.square(scores))))
     assert 0.85 <= np.mean(np.abs(scores) < 1.645) <= 0.98
+    assert np.mean(np.abs(narrow) < 1.645) < 0.85
 
 
 def test_an_undeclared_payload_is_left_out_as_a_whole(ur10e):
