@@ -14,8 +14,9 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from monitor.errors import BadInput
-from monitor.plant.screen.people import NEEDED, Person, Role, User, person_of_proxy, read_users, user_of
+from monitor.plant.screen.people import NEEDED, Person, Role, User, person_of_proxy, printable, read_users, user_of
 from monitor.plant.screen.settings import ScreenSettings
+from monitor.publish.session import prefix
 from monitor.views.web.access import OwnPages, Sessions, local_hosts
 
 log = logging.getLogger(__name__)
@@ -115,7 +116,7 @@ class PlantAccess(OwnPages):
         """Note a refusal."""
         person = self.person(request)
         who = f"nobody ({self._address(request)})" if person is None else person.name
-        self.audit(who, act, robot, f"refused: {why}")
+        self.audit(who, printable(act)[:LONGEST_ACT], robot, f"refused: {why}")
 
     # --- as the PageAccess of one arm's page
 
@@ -148,7 +149,7 @@ class PlantAccess(OwnPages):
 
     def note(self, request: Request, command: str, why: str) -> None:
         """Note that a command was refused before anybody asked who sent it."""
-        self.refused(request, command[:LONGEST_ACT], robot_of(request), why)
+        self.refused(request, command, robot_of(request), why)
 
     def signed(self, request: Request, document: dict[str, Any]) -> dict[str, Any]:
         """The command in the name of whoever sent it, where he is known; what he typed as his name does not count then."""
@@ -205,6 +206,12 @@ def _lines(request: Request, name: str) -> list[str]:
 
 
 def robot_of(request: Request) -> str | None:
-    """SITE/ROBOT of an arm's page, by its address; None elsewhere."""
-    parts = request.url.path.split("/")
-    return f"{parts[2]}/{parts[3]}" if len(parts) > 4 and parts[1] == "arms" else None
+    """SITE/ROBOT of an arm's page, by the address that was routed; None elsewhere, and where no arm can have such a name."""
+    parts = str(request.scope["path"]).split("/")
+    if len(parts) <= 4 or parts[1] != "arms":
+        return None
+    try:
+        prefix(parts[2], parts[3])
+    except BadInput:
+        return None
+    return f"{parts[2]}/{parts[3]}"

@@ -13,6 +13,7 @@ from enum import IntEnum
 from monitor.errors import BadInput
 
 TOKEN_BYTES = 24
+GROUP, USER = "group:", "user:"  # before a name in proxy_roles: of which kind it is
 _NAME = re.compile(r"[\w.@+ -]{1,100}\Z")
 
 
@@ -111,9 +112,16 @@ def user_of(token: str, users: Mapping[str, User]) -> User | None:
 def person_of_proxy(names: Sequence[str], groups: Sequence[str], roles: Mapping[str, Role], everybody: Role | None) -> Person | None:
     """A person whom a proxy has signed in: the highest role of his names and groups, and of everybody whom the proxy lets through.
 
-    names : what the proxy calls him, the one to be shown first. None where there is none, or no role for him.
+    names : what the proxy calls him, the one to be shown first. None where there is none, or no role for him. A role of `group:NAME` is for
+    a group alone, one of `user:NAME` for a person alone: where people choose their names, one could call himself as a group is called.
     """
-    found = [roles[each] for each in (*groups, *names) if each in roles]
+    plain = (each for each in (*groups, *names) if not each.startswith((GROUP, USER)))
+    found = [roles[each] for each in (*plain, *(GROUP + each for each in groups), *(USER + each for each in names)) if each in roles]
     if everybody is not None:
         found.append(everybody)
     return Person(names[0], max(found)) if names and found else None
+
+
+def printable(text: str) -> str:
+    """A text for a line of the journal: signs that would end the line, move a terminal or turn the text round are written out."""
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in text)

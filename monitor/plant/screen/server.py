@@ -9,8 +9,11 @@ from monitor.plant.ingest import add_audit
 from monitor.plant.screen.access import PlantAccess
 from monitor.plant.screen.app import Screen
 from monitor.plant.screen.arm_page import Ways
+from monitor.plant.screen.people import printable
 from monitor.plant.screen.settings import ScreenSettings
 from monitor.views.web.server import WebServer, log
+
+LONGEST_TEXT = 2000  # of a line of the audit; a reason that a person types has some hundred letters
 
 
 class ScreenServer(WebServer):
@@ -36,9 +39,10 @@ class ScreenServer(WebServer):
 
 def _note(database: Database, who: str, act: str, robot: str | None, text: str) -> None:
     """One line of the audit; it also stands in the journal, where the database may be away."""
-    log.info("audit who=%r act=%s robot=%s: %s", who, act, robot, text)
+    text = text[:LONGEST_TEXT]
+    log.info("audit who=%r act=%s robot=%s: %s", who, act, robot, printable(text))
     try:
         with database.write() as connection:
-            add_audit(connection, time.time(), who, act, robot, text[:2000])
+            add_audit(connection, time.time(), who, act, robot, text)
     except StoreError as error:
         log.error("trouble=audit: the line above is not in the database: %s", error, extra={"trouble": "audit"})

@@ -20,7 +20,7 @@ class ScreenSettings:
     users_file: str = ""  # lines NAME:ROLE:DIGEST, written by joint-monitor plant user; may begin with ${CREDENTIALS_DIRECTORY}
     proxies: tuple[str, ...] = ()  # addresses of a reverse proxy whose X-Forwarded-User and -Groups are believed (oauth2-proxy)
     proxy_secret: str = ""  # which the proxy sends with every request; any other process of its machine is not believed then
-    proxy_roles: tuple[str, ...] = ()  # "GROUP=ROLE" or "USER=ROLE", of people whom the proxy has signed in
+    proxy_roles: tuple[str, ...] = ()  # "group:NAME=ROLE" or "user:NAME=ROLE"; "NAME=ROLE" is both
     proxy_role: str = ""  # of everybody else whom the proxy lets through; empty: nothing
 
     def __post_init__(self) -> None:

@@ -160,19 +160,24 @@ class PageApp:
         return endpoint
 
     async def _live(self, request: Request) -> Response:
+        if request.headers.get("sec-fetch-site") in {"cross-site", "same-site"}:  # it can read nothing, and would take somebody's place
+            return JSONResponse({"error": "live values are for the page itself"}, status_code=403)
         if self._streams >= MAX_STREAMS:
             return JSONResponse({"error": f"{MAX_STREAMS} browsers are looking already"}, status_code=503)
         return StreamingResponse(
-            self._events(self._pages.language(request)), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+            self._events(request, self._pages.language(request)), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
         )
 
-    async def _events(self, say: Language) -> AsyncIterator[bytes]:
-        """Server-sent events: `value` for every key that has a new value, `time` every CLOCK_PERIOD_S, until the server closes."""
+    async def _events(self, request: Request, say: Language) -> AsyncIterator[bytes]:
+        """Server-sent events: `value` for every key that has a new value, `time` every CLOCK_PERIOD_S.
+
+        They end when the server closes, or whoever asked may no longer see the page.
+        """
         self._streams += 1
         try:
             sent: dict[str, object] = {}
             clock_sent = -math.inf
-            while not self.closing.is_set():
+            while not self.closing.is_set() and self._access.signed_in(request):
                 last = self._content.bus.last_payloads()
                 new = [(key, payload) for key, payload in last.items() if sent.get(key) is not payload]
                 sent.update(new)

@@ -54,6 +54,7 @@ class WebServer:
             server_header=False,
             proxy_headers=False,  # who asks is the other end of the connection; what a proxy says is judged where it is believed
             lifespan="off",
+            ws="none",  # nothing here speaks it
             http=_ClosesIdleConnections,
             limit_concurrency=MAX_CONNECTIONS,
             timeout_keep_alive=KEEP_ALIVE_S,
