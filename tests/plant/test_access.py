@@ -9,6 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 import zenoh
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
+from cryptography.x509.oid import NameOID
 
 from monitor.plant.enrol.access import PEOPLE
 from monitor.plant.enrol.ask import ask_all
@@ -76,7 +81,7 @@ def world(tmp_path_factory, free_tcp_port_factory):
 
 def zenoh_file(folder, who):
     """The Zenoh file of somebody, with the place where its certificates lie here."""
-    if who in {"guest", "forger"}:
+    if who in {"guest", "forger"} or who.startswith("odd"):
         name, source = who, "people/viewer/zenoh/viewer.json5"
         tls = folder / "guest"
     elif who.startswith("cell@"):
@@ -169,6 +174,57 @@ def test_a_certificate_of_another_authority_opens_no_session(world):
     """Its name is on the list, its signature is not."""
     with pytest.raises(zenoh.ZError):
         session(world, "forger", "core")
+
+
+ODD = ("operator ", " operator", "Operator", "operator\0", "operator\0x", "operator\n", "*", "hall-1.*", "operator,CN=guest", "CN=operator",
+       "\u043eperator", "operator\u200b", "router@hall-1 ", "cell@hall-1.cell-1\0")  # fmt: skip
+
+
+def odd_certificates(world):
+    """Certificates of the plant's own authority whose names are nearly somebody's, or that hold somebody's name in a second place."""
+    now = datetime.now(UTC)
+    root = Issued((world.folder / "authority/ca.pem").read_bytes(), (world.folder / "authority/ca.key").read_bytes())
+    issued = [Authority(root, "").issue(name, (), now, 30) for name in ODD]
+    issued.append(Authority(root, "").issue("guest", ("operator", "viewer"), now, 30))  # as names of its host
+    signer = load_pem_private_key(root.key, password=None)
+    for kind in (NameOID.COMMON_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME, NameOID.USER_ID, NameOID.EMAIL_ADDRESS):
+        key = ec.generate_private_key(ec.SECP256R1())
+        subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "guest"), x509.NameAttribute(kind, "operator")])
+        built = (
+            x509.CertificateBuilder()
+            .subject_name(subject)
+            .issuer_name(x509.load_pem_x509_certificate(root.certificate).subject)
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(now - timedelta(hours=1))
+            .not_valid_after(now + timedelta(days=30))
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .sign(signer, SHA256())
+        )
+        pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        issued.append(Issued(built.public_bytes(Encoding.PEM), pem))
+    for number, each in enumerate(issued):
+        (world.folder / f"guest/odd{number}.pem").write_bytes(each.certificate)
+        (world.folder / f"guest/odd{number}.key").write_bytes(each.key)
+    return [f"odd{number}" for number in range(len(issued))]
+
+
+def test_a_name_that_is_nearly_somebodys_may_nothing(world):
+    """Spaces, letters of another alphabet, NUL, wildcards, and another one's name in a second place of the certificate."""
+    acts = ("look", "cmd/replay", "publish", "permit", "live")
+
+    def tried(who):
+        try:
+            with session(world, who, "site") as somebody:
+                return [act for act in acts if did(world, somebody, who, act)]
+        except zenoh.ZError:  # the router did not let it in at all
+            return []
+
+    names = odd_certificates(world)
+    with session(world, "operator", "site") as operator:  # the same acts come to something where the name is right
+        eventually(lambda: did(world, operator, "operator", "cmd/replay"))
+    with ThreadPoolExecutor(len(names)) as at_once:
+        assert dict(zip(names, at_once.map(tried, names), strict=True)) == {name: [] for name in names}
 
 
 def test_the_check_of_a_plant_asks_every_monitor_with_the_plants_own_certificate(world):
