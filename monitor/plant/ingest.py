@@ -76,13 +76,14 @@ def _row(connection: sa.Connection, site: str, robot: str) -> Known | None:
     return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest)
 
 
-def _begin_history(connection: sa.Connection, number: int, at: int, history_id: str | None, why: str | None, now_unix_s: float) -> None:
-    connection.execute(
-        sa.insert(history).values(
-            **{"arm": number, "number": at, "history_id": history_id, "began_at": now_unix_s, "why": why, "newest_replay": 0},
-            **{"event_cursor": 0, "event_mark": "", "change_cursor": 0, "change_mark": ""},
-        )
-    )
+def _begin_histories(
+    connection: sa.Connection, of: Sequence[tuple[int, int]], history_id: str | None, why: str | None, now_unix_s: float
+) -> None:
+    """Begin histories. of : the number of the arm, and that of its history."""
+    same = {"history_id": history_id, "began_at": now_unix_s, "why": why, "newest_replay": 0}
+    cursors = {"event_cursor": 0, "event_mark": "", "change_cursor": 0, "change_mark": ""}
+    if of:
+        connection.execute(sa.insert(history), [{"arm": arm, "number": number, **same, **cursors} for arm, number in of])
 
 
 def begin_another_history(database: Database, before: Known, name: str, history_id: str | None, why: str, now_unix_s: float) -> None:
@@ -100,7 +101,7 @@ def begin_another_history(database: Database, before: Known, name: str, history_
         ).rowcount
         if changed != 1:
             raise CursorMoved
-        _begin_history(connection, before.arm, before.number + 1, history_id, why, now_unix_s)
+        _begin_histories(connection, [(before.arm, before.number + 1)], history_id, why, now_unix_s)
         text = (
             f"{why}; its history is copied anew as number {before.number + 1}, and what was copied before is kept as number {before.number}"
         )
@@ -193,16 +194,15 @@ def enter(database: Database, names: Sequence[tuple[str, str]], now_unix_s: floa
     Others may enter the same arms at the same time, as threads that copy do once the database is back: each is entered once.
     """
     insert = (postgresql.insert if database.postgresql else sqlite.insert)(arm).on_conflict_do_nothing(index_elements=["site", "robot"])
+    listed = sa.select(arm.c.site, arm.c.robot, arm.c.id)
     with database.write() as connection:
-        numbers = {(site, robot): number for number, site, robot in connection.execute(sa.select(arm.c.id, arm.c.site, arm.c.robot))}
-        for site, robot in sorted(set(names) - set(numbers)):  # in one order: two never wait for each other
-            values = {"site": site, "robot": robot, "first_seen": now_unix_s, "history": 1}
-            number = connection.execute(insert.values(values).returning(arm.c.id)).scalar_one_or_none()
-            if number is None:
-                number = connection.execute(sa.select(arm.c.id).where(arm.c.site == site, arm.c.robot == robot)).scalar_one()
-            else:
-                _begin_history(connection, number, 1, None, None, now_unix_s)
-            numbers[site, robot] = number
+        numbers = {(site, robot): number for site, robot, number in connection.execute(listed)}
+        # all at once: a statement an arm would take as many ways to the server and back; in one order: two never wait for each other
+        new = [{"site": site, "robot": robot, "first_seen": now_unix_s, "history": 1} for site, robot in sorted(set(names) - set(numbers))]
+        if new:
+            entered = connection.execute(insert.returning(arm.c.id), new).scalars().all()  # of those that nobody else has entered meanwhile
+            _begin_histories(connection, [(number, 1) for number in entered], None, None, now_unix_s)
+            numbers = {(site, robot): number for site, robot, number in connection.execute(listed)}
     return {(site, robot): numbers[site, robot] for site, robot in names}
 
 

@@ -170,3 +170,16 @@ def test_arms_that_several_threads_enter_at_once_are_entered_once(database):
     assert [row.arm for row in reversed(each)] == [whole.result()[name] for name in names]
     with database.read() as connection:
         assert connection.execute(sa.select(sa.func.count()).select_from(arm)).scalar_one() == 100
+
+
+def test_many_arms_are_entered_in_few_ways_to_the_server(database):
+    """A thousand of them, on a server far away or on a busy machine, would wait for each statement of each arm."""
+    statements = []
+    sa.event.listen(database._engine, "before_cursor_execute", lambda *about: statements.append(about[2]))
+    names = [(f"site-{k % 3}", f"arm-{k}") for k in range(300)]
+    numbers = enter(database, names[:200], 0.0)
+    again = enter(database, names, 1.0)
+    assert again | numbers == again
+    assert len(set(again.values())) == 300
+    assert len(statements) <= 12
+    assert {known(database, *name, 2.0).arm for name in names} == set(again.values())
