@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import orjson
@@ -233,15 +234,27 @@ class PlantOnBus:
             query.reply(query.key_expr, orjson.dumps(self.command(arm, key, query.payload.to_bytes() if query.payload else b"")))
             return
         with self._lock:
-            known = {"health": self.health(arm), "monitor": self.monitor(arm), "info": self.info(arm)}
-            known |= {f"alert/j{alert['joint']}/{alert['condition']}": alert for alert in known["health"]["alerts"]}
-            if newest := len(self.lives.replays[arm]):
-                joints = range(self.lives.joints)
-                known |= {f"joint/{joint + 1}/friction": self.lives.row(arm, newest, joint) for joint in joints}
-        for name, document in known.items():
-            full = zenoh.KeyExpr(f"{self._prefix(arm)}/{name}")
-            if query.key_expr.intersects(full):
-                query.reply(full, orjson.dumps(document))
+            found = {
+                name: made() for name, made in self._known(arm).items() if query.key_expr.intersects(zenoh.KeyExpr(self._full(arm, name)))
+            }
+        for name, document in found.items():
+            query.reply(self._full(arm, name), orjson.dumps(document))
+
+    def _known(self, arm: int) -> dict[str, Callable[[], dict[str, Any]]]:
+        """An arm's last values by key, made only where somebody asks for them: a plant that starts asks every arm five times."""
+        known: dict[str, Callable[[], dict[str, Any]]] = {
+            "health": lambda: self.health(arm),
+            "monitor": lambda: self.monitor(arm),
+            "info": lambda: self.info(arm),
+        }
+        for alert in self.health(arm)["alerts"]:
+            known[f"alert/j{alert['joint']}/{alert['condition']}"] = partial(dict, alert)
+        if newest := len(self.lives.replays[arm]):
+            known |= {f"joint/{joint + 1}/friction": partial(self.lives.row, arm, newest, joint) for joint in range(self.lives.joints)}
+        return known
+
+    def _full(self, arm: int, name: str) -> str:
+        return f"{self._prefix(arm)}/{name}"
 
     def _history(self, arm: int, parameters: dict[str, str]) -> dict[str, Any]:
         lives, question = self.lives, history_question(parameters, self.lives.joints)
