@@ -12,10 +12,12 @@ from monitor.assess import AssessSettings
 from monitor.errors import BadInput
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.document import plain
-from monitor.judge.drift.from_fleet import begin_from_fleet
+from monitor.judge.drift.filter_state import FilterState
+from monitor.judge.drift.from_fleet import begin_from_fleet, noise_known
 from monitor.judge.drift.noise.chance import MIDDLE, inflation_of, nothing_seen
 from monitor.judge.drift.prior import BOUNDS, FleetPrior, WearPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.change_detection import thresholds
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
@@ -176,6 +178,32 @@ def test_a_prior_without_the_memory_of_noise_begins_as_before():
         document["models"]["ur5"]["chance"] = wrong
         with pytest.raises(BadInput, match=r"models\.ur5\.chance"):
             prior_from_document(document, "ur5", J, 0.4, digest="0")
+
+
+def with_noise(prior: FleetPrior, rho: float, replays: float) -> FilterState:
+    """A state of two arms after so many replays whose noise has the fleet's size and a correlation; joint 1 of each began to wear."""
+    young, _ = worn_fleet("straight", 2, -0.19)
+    step_var = np.tile(prior.noise_std**2, 2) * (1.0 - rho)
+    product = np.tile(prior.noise_std**2, 2) * rho
+    product[::J] *= 5.0
+    weight = np.full(2 * J, prior.noise_replays.mean() / J + replays)
+    return replace(young.filter_state, step_var=step_var, product=product, noise_weight=weight, replays=np.full(2 * J, replays))
+
+
+def test_a_young_joint_whose_noise_the_fleet_knows_needs_less_evidence():
+    """Thresholds fall from 5.15 to about 5.0 with ten arms. Not where noise is longer than the fleet's, nor in an older joint."""
+    prior = prior_from_document(json.loads(document_text()), "ur5", J, 0.4, digest="0")
+    rho = float(prior.noise_correlation.mean())
+    known = noise_known(with_noise(prior, rho, 24.0), prior)
+    assert known == pytest.approx(ARMS / (ARMS + 4.0))
+    lower = thresholds(np.ones((1, 1)), DRIFT, known[:1])[0, 0, 0]
+    assert np.sqrt(lower) == pytest.approx(np.sqrt(DRIFT.shift_sigma**2 - 2.5 * ARMS / (ARMS + 4.0)))
+    assert not noise_known(with_noise(prior, min(rho + 0.35, 0.95), 24.0), prior).any()
+    assert noise_known(with_noise(prior, rho - 0.2, 24.0), prior).all(), "noise that averages out sooner is no danger"
+    assert noise_known(with_noise(prior, rho, 135.0), prior) == pytest.approx(0.5 * ARMS / (ARMS + 4.0))
+    assert not noise_known(with_noise(prior, rho, 180.0), prior).any()
+    assert not noise_known(with_noise(prior, rho, 24.0), None).any()
+    assert not noise_known(with_noise(prior, rho, 24.0), replace(prior, chance=None)).any()
 
 
 @pytest.mark.soak

@@ -7,10 +7,14 @@ import numpy as np
 from monitor.judge.drift.filter_state import CURVE, LAG, NOISE, SLOPE, FilterState
 from monitor.judge.drift.noise.chance import SIDES
 from monitor.judge.drift.prior import FleetPrior, contradicts
+from monitor.recording import Array
 
 # The prior is held against the replays so often and no more: a slope that was let go is soon known better than the fleet's prior again, and
 # would be let go at every replay; later the prior weighs no more than the replays.
 LOOKED_AT_REPLAYS = (10.0, 20.0, 40.0, 80.0)
+YOUNG_REPLAYS = 90.0  # so long the fleet's noise counts in full for the joints of a new arm, and after as many again no more
+LONGER_SIGMA = 2.0  # [σ] of chance by which the arm's noise may look longer than the fleet's
+FEW_ARMS = 4.0  # a fleet of so many arms counts half
 
 
 def begin_from_fleet(state: FilterState, prior: FleetPrior) -> FilterState:
@@ -57,6 +61,29 @@ def let_go(state: FilterState, prior: FleetPrior, family_std_per_k: float) -> Fi
     cov = state.cov.copy()
     cov[other, SLOPE, SLOPE] += family_std_per_k**2
     return replace(state, cov=cov)
+
+
+def noise_known(state: FilterState, prior: FleetPrior | None) -> Array:
+    """(N,) from 0 to 1: how far the noise of a young joint is known from the fleet, its size and how it averages out.
+
+    0 without a fleet's prior, and in an arm whose noise is correlated longer than the fleet's. Of the joints of an arm, the lowest and the
+    highest correlation do not count: wear that begins looks like correlated noise.
+    """
+    if prior is None or prior.chance is None:
+        return np.zeros(state.joints)
+    J = len(prior.slope_per_k)
+    prior_part = prior.noise_replays.mean() / J  # of each joint's weight, see `initial_state`
+    weight = state.noise_weight.reshape(-1, J).mean(axis=1)
+    own = np.maximum(weight - prior_part, 0.0)
+    each = np.sort((state.product / np.maximum(state.product + state.step_var, 1e-12)).reshape(-1, J), axis=1)
+    middle = each[:, 1:-1] if J > 2 else each
+    rho = float(prior.noise_correlation.mean())
+    # of n products of successive noises the correlation is known to √((1−ρ²)/n), and it counts here with the share of the arm's own
+    chance = own / np.maximum(weight, 1e-9) * np.sqrt((1.0 - rho**2) / np.maximum(own * middle.shape[1], 1e-9))
+    longer = middle.mean(axis=1) - rho > LONGER_SIGMA * chance
+    young = np.clip(2.0 - state.replays / YOUNG_REPLAYS, 0.0, 1.0)
+    known: Array = np.where(np.repeat(longer, J), 0.0, young * prior.arms / (prior.arms + FEW_ARMS))
+    return known
 
 
 def _of_all(of_arm: np.ndarray, joints: int) -> np.ndarray:

@@ -10,6 +10,7 @@ that is doubtful asks for another one soon: nearly all doubts of healthy joints 
 import numpy as np
 
 from monitor.judge.drift.filter_state import FilterState
+from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import likelihood_ratios
 
@@ -24,7 +25,8 @@ def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
     enough = (state.ages >= settings.gate_run - 1) & (state.ages <= (state.replays - settings.baseline_replays)[:, None])
     expected = state.glr_informations * state.chance.of_starts()
     rises = np.maximum(state.glr_scores, 0.0)
-    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, settings)
+    known = noise_known(state, settings.prior)
+    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, settings, known)
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
 

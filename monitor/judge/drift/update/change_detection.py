@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
+from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.size import counted_sigma
 from monitor.judge.drift.settings import DriftSettings
@@ -33,6 +34,9 @@ USUAL_RATE_PER_DAY = 0.003  # [1/day] the same where a change is looked for, 110
 EARLY_STEP = 0.15  # [log] so much is a change even among the first replays: neither noise nor running-in makes it in a week
 STEP_STD = 0.2  # [log] prior standard deviation of a step
 PRIOR_INFORMATION = np.array([STEP_STD, USUAL_RATE_PER_DAY])[:, None] ** -2  # (2, 1)
+# [χ²] by which every threshold is lower in a young joint whose noise the fleet knows: 5.15 σ become 4.9. The thresholds cover what an arm
+# does not know of its noise, and starts of 200 replays; of a young joint there are few starts.
+KNOWN_NOISE = 2.5
 RATES_PER_STEP = 3.0  # prior odds: joints begin to wear more often than they jump
 
 
@@ -173,7 +177,8 @@ def detect_change(
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - baseline)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
     expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
-    ratios, relative = likelihood_ratios(glr_score, expected, bank.information_now, bank.ages, enough, settings)
+    known = noise_known(state, settings.prior)
+    ratios, relative = likelihood_ratios(glr_score, expected, bank.information_now, bank.ages, enough, settings, known)
     counts = innovation.resolved & ~innovation.settling
     found = ((np.max(relative, axis=(1, 2)) > 1.0) | in_a_row) & counts & (in_a_row | ~gate.gated)
     of_baseline = found & ~np.any(ratios > 0, axis=(1, 2))
@@ -202,12 +207,12 @@ def detect_change(
 
 
 def likelihood_ratios(
-    glr_score: Array, expected: Array, information: Array, ages: Array, enough: np.ndarray, settings: DriftSettings
+    glr_score: Array, expected: Array, information: Array, ages: Array, enough: np.ndarray, settings: DriftSettings, known: Array
 ) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
-    start has enough replays before it and since.
+    start has enough replays before it and since. known : (N,) `noise_known`.
 
     The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
     prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints
@@ -218,12 +223,12 @@ def likelihood_ratios(
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
-    return ratio, ratio / with_prior / thresholds(ages, settings)
+    return ratio, ratio / with_prior / thresholds(ages, settings, known)
 
 
-def thresholds(ages: Array, settings: DriftSettings) -> Array:
-    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change, see `likelihood_ratios`."""
-    by_age = 2.0 * np.log(np.maximum(ages, 1.0))
+def thresholds(ages: Array, settings: DriftSettings, known: Array) -> Array:
+    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known : as in `likelihood_ratios`."""
+    by_age = 2.0 * np.log(np.maximum(ages, 1.0)) + KNOWN_NOISE * known[:, None]
     of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
     of_step = np.full_like(ages, settings.shift_sigma**2)
     lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)

@@ -1,0 +1,176 @@
+"""How soon a young arm's wear is found, without a fleet's prior, with it, and by observers who know more: `python -m tests.bench.prior`.
+
+Simulated arms of which one joint steps by 5 % on day 10 to 60. Every day's margin is kept, by which the clearest candidate change is above
+its threshold [χ²]; detection itself is off, so that one run shows every threshold. Quoted are the days from the step to its detection,
+quarter, half and three quarters of the arms and the mean of at most 90 days, at the monitor's own thresholds and where so many
+detections a robot-year are false: rises found in joints that did not change.
+
+The observers are computed by a filter of their own (level and AR(1) noise, every age of a step and of a ramp, bounded innovations). They
+know the noise and the temperature of the grease, the second one the level of each joint as well.
+"""
+
+import argparse
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.assess import AssessSettings
+from monitor.judge.drift.filter_state import FilterState
+from monitor.judge.drift.from_fleet import noise_known
+from monitor.judge.drift.prior import FleetPrior, prior_from_document
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.update.change_detection import likelihood_ratios, thresholds
+from monitor.recording import Array
+from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
+from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear
+from monitor.studies.rehearsal.play import COMPARABLE, judged_days
+
+DAYS, ONSETS, STEP, LEARNING = 130, (10, 60), 0.05, 8
+FALSE_PER_YEAR = (0.2, 0.1, 0.05)
+J = 6
+OFF = 20.0  # [σ] threshold of the filter in these runs: nothing is found
+BOUND = 3.0  # [σ] an innovation counts for an observer with no more, as for the monitor
+ASSESS = AssessSettings()
+
+
+class Watched(Fleet):
+    """A fleet of which it is kept what is left of each observation where temperature is known exactly."""
+
+    def __init__(self, settings: FleetSettings, wear: Wear) -> None:
+        super().__init__(settings, wear)
+        self.left: list[Array] = []  # (A·J,) each: wear and noise
+        self.variance: list[Array] = []
+
+    def morning(self, day: int) -> Day:
+        now = super().morning(day)
+        self.left.append(now.seen.log_torque - (now.truth - now.worn).ravel())
+        self.variance.append(now.seen.variance)
+        return now
+
+
+class Margins(NamedTuple):
+    """What a run has kept."""
+
+    margin: Array  # (D, A, J) [χ²] of the clearest rise above its threshold
+    joint: np.ndarray  # (A,) that steps
+    onset: Array  # (A,) day
+
+
+def fleet_prior(arms: int, days: int, settings: FleetSettings) -> FleetPrior:
+    """What other arms say."""
+    fleet = Fleet(replace(settings, arms=arms, days=days, seed=settings.seed + 1000))
+    for one in judged_days(fleet, days, ASSESS):
+        state = one.result.state.filter_state
+    learnt = [LearntArm(f"arm-{k}", settings.robot, of_arm(state, k), float(days)) for k in range(arms)]
+    document = learn_prior(learnt, ASSESS.drift, ASSESS.temperature)
+    return prior_from_document(document, settings.robot, J, settings.reference_speed_rad_s, digest="0")
+
+
+def of_arm(value: Any, k: int) -> Any:
+    """The part of one arm in a state of many."""
+    if isinstance(value, np.ndarray):
+        return value[J * k : J * (k + 1)]
+    if is_dataclass(value) and not isinstance(value, type):
+        return replace(value, **{field.name: of_arm(getattr(value, field.name), k) for field in fields(value)})
+    return value
+
+
+def lived(settings: FleetSettings, prior: FleetPrior | None) -> tuple[Margins, Watched]:
+    """A fleet's life with a step in one joint of each arm, and the monitor's margins."""
+    rng, A = np.random.default_rng(settings.seed), settings.arms
+    joint, onset = rng.integers(0, J, A), rng.integers(*ONSETS, A).astype(float)
+    wear = Wear(joint=joint.astype(float), onset_day=onset, step=np.full(A, STEP), per_day=np.zeros(A))
+    fleet, drift = Watched(settings, wear), replace(ASSESS.drift, prior=prior)
+    blind = replace(ASSESS, drift=replace(drift, shift_sigma=OFF, pace_sigma=OFF))
+    kept = [margin_of(one.result.state.filter_state, drift) for one in judged_days(fleet, settings.days, blind)]
+    return Margins(np.array(kept).reshape(-1, A, J), joint, onset), fleet
+
+
+def margin_of(state: FilterState, drift: DriftSettings) -> Array:
+    """(N,) [χ²] by which the clearest rise is above its threshold."""
+    known = noise_known(state, drift.prior)
+    enough = (state.ages >= drift.gate_run - 1) & (state.ages <= (state.replays - drift.baseline_replays)[:, None])
+    expected, rises = state.glr_informations * state.chance.of_starts(), np.maximum(state.glr_scores, 0.0)
+    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, known)
+    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, known), axis=(1, 2))
+    return margin
+
+
+def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
+    """The margins of an observer who knows noise and temperature, over the monitor's threshold without a prior."""
+    s, days = fleet.settings, len(fleet.left)
+    N, rho = fleet.arms * J, s.autocorrelation
+    P = np.zeros((N, 2, 2))  # of level and noise
+    P[:, 0, 0], P[:, 1, 1] = 0.0 if level_known else 100.0, s.between_std**2
+    mean = np.zeros((N, 2))  # `left` counts from the level
+    response, score, information = np.zeros((N, 2, days, 2)), np.zeros((N, 2, days)), np.zeros((N, 2, days))
+    starts, kept = np.arange(days), []
+    for day, (y, within) in enumerate(zip(fleet.left, fleet.variance, strict=True)):
+        if day:
+            mean[:, 1] *= rho
+            response[..., 1] *= rho
+            P *= np.array([[1.0, rho], [rho, rho**2]])
+            P[:, 1, 1] += (1.0 - rho**2) * s.between_std**2
+        age = np.maximum(day - starts + 1.0, 0.0)
+        effect = np.stack([np.minimum(age, 1.0), age / 100.0]) - response.sum(axis=3)  # (N, 2, days) of a unit step, a unit ramp
+        var, seen = P.sum(axis=(1, 2)) + within, np.isfinite(y)
+        nu = np.where(seen, y - mean.sum(axis=1), 0.0)
+        nu = np.clip(nu, -BOUND * np.sqrt(var), BOUND * np.sqrt(var)) if day else nu
+        gain = np.where(seen[:, None], P.sum(axis=2) / var[:, None], 0.0)
+        weight = np.where(seen & (day > 0), 1.0 / var, 0.0)[:, None, None]
+        score += effect * nu[:, None, None] * weight
+        information += effect**2 * weight
+        mean += gain * nu[:, None]
+        response += gain[:, None, None, :] * effect[..., None]
+        P -= gain[:, :, None] * P.sum(axis=1)[:, None, :]
+        counts = (age >= ASSESS.drift.gate_run) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
+        ratio = np.where(counts & (score > 0), score**2 / np.maximum(information, 1e-12), 0.0)
+        kept.append(np.max(ratio + 2.0 * np.log(np.maximum(age, 1.0)), axis=(1, 2)) - ASSESS.drift.shift_sigma**2)
+    return Margins(np.array(kept).reshape(-1, fleet.arms, J), like.joint, like.onset)
+
+
+def show(name: str, found: Margins) -> None:
+    """A line: at the own thresholds, and at equal shares of false detections."""
+    A = len(found.joint)
+    healthy = np.ones((A, J), dtype=bool)
+    healthy[np.arange(A), found.joint] = False
+    highest = np.sort(found.margin[LEARNING:].max(axis=0)[healthy])[::-1]
+    years = len(highest) / J * (len(found.margin) - LEARNING) / 365.0
+    parts = [f"own thresholds {delays(found, 0.0)}, {int((highest > 0).sum())} false in {years:.0f} robot-years"]
+    for per_year in FALSE_PER_YEAR:
+        shift = float(np.interp(per_year * years, np.arange(len(highest)) + 0.5, highest))
+        parts.append(f"{per_year:g} a year {delays(found, shift)} ({shift:+.1f})")
+    print(f"{name}: {'; '.join(parts)}", flush=True)
+
+
+def delays(found: Margins, shift: float) -> str:
+    """Quartiles and bounded mean of the days to detection, where thresholds are shifted by so much [χ²]."""
+    own = found.margin[:, np.arange(len(found.joint)), found.joint] > shift
+    day = np.where(own.any(axis=0), own.argmax(axis=0).astype(float), np.inf)
+    days = np.where(day < found.onset, np.nan, day - found.onset + 1.0)
+    quarters = np.nanquantile(days, [0.25, 0.5, 0.75], method="higher")
+    return f"{quarters[0]:.0f} {quarters[1]:.0f} {quarters[2]:.0f}, mean {np.nanmean(np.minimum(days, 90.0)):.0f} d"
+
+
+def main() -> None:
+    """The four, on the same arms."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.prior", description=__doc__)
+    parser.add_argument("--arms", type=int, default=160)
+    parser.add_argument("--seed", type=int, default=72)
+    parser.add_argument("--autocorrelation", type=float, default=0.5, help="of the noise of these arms; that of the fleet is 0.5")
+    parser.add_argument("--fleet", type=int, default=24, help="arms that the prior is of, after 120 days")
+    parser.add_argument("--days", type=int, default=DAYS)
+    arguments = parser.parse_args()
+    settings = FleetSettings(arms=arguments.arms, days=arguments.days, seed=arguments.seed, scenarios=COMPARABLE)
+    prior = fleet_prior(arguments.fleet, 120, settings)
+    arms = replace(settings, autocorrelation=arguments.autocorrelation)
+    without, fleet = lived(arms, None)
+    show("without", without)
+    show("with prior", lived(arms, prior)[0])
+    show("who knows noise and temperature", observed(fleet, without, level_known=False))
+    show("and the level", observed(fleet, without, level_known=True))
+
+
+if __name__ == "__main__":
+    main()
