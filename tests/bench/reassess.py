@@ -3,21 +3,33 @@
 Without a history, `--arms` arms live for `--replays` days on a simulated controller, 30 s at 125 Hz each; their recordings differ. With
 `--folder` histories and results are kept there, and the same call goes on from there: it counts what it has computed itself.
 
+`--recordings 100000` does it in parts of 33 arms of 60 replays, each of which is made, judged and removed, so that 3 GB of disk suffice: a
+third of a part on one worker, the rest on two, which of them first by turns. So slow changes of the machine's speed fall on both, and
+`efficiency` has a standard error. A finished part is a line in `parts.jsonl` of `--folder`: the same call goes on after the last one. With
+`--s3` the recordings are on a real S3 server (SeaweedFS) alone.
+
 `efficiency` is by the clock, and means something on a machine without other work alone. Beside it stands what the machine itself gains by
 its second core: processes that identify the same recordings and know nothing of each other. `beside` is what reading, decoding, keeping and
 scheduling take of the processor beside identification and verdicts, and means something on any machine.
 """
 
 import argparse
+import json
 import multiprocessing
 import os
 import shutil
+import statistics
+import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+sys.path += [str(Path(__file__).parents[1] / "store")]  # the tests import each other by their names
 
 import numpy as np
 
@@ -29,7 +41,9 @@ from monitor.service.history.assess_and_store import assess_stored, load_state, 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import read_recording, recording_of, write_recording
+from monitor.store.archive import Archive, key_of
+from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.recordings import recording_of, write_recording
 from monitor.store.store import Store
 from monitor.studies.reassess.cluster import OF_WORKERS
 from monitor.studies.reassess.memory import keep_memory
@@ -39,6 +53,9 @@ from monitor.studies.reassess.warm_up import warm_up
 PLANT = 1_830_000  # recordings of 1250 arms in a year, four a day
 ALONE = 30  # recordings that each process identifies, to see what the machine gains by its second core
 MADE = "made"  # file in the folder of an arm that has lived to its end
+PART_ARMS, PART_REPLAYS, OF_ONE = 33, 60, 3  # of a part; one arm in three is judged by one worker
+NUMBERED = 1_000_000  # number in the recordings of the first arm; those of others have as many digits
+BEGAN_S, DAY_S = 1.7e9, 86_400.0
 
 
 def lived(folder: Path, replays: int) -> Path:
@@ -51,35 +68,119 @@ def lived(folder: Path, replays: int) -> Path:
     with Store.open(folder) as store:
         known = load_state(store)
         for day in range(replays):
-            at = 1.7e9 + 86_400.0 * day
+            at = BEGAN_S + DAY_S * day
             number = store.ledger.claim(at, "scheduled", at)
             assert number is not None
             context = replace(configuration.context, firmware=made.context.firmware, recorded_at_unix_s=at)
             current = made.current * (1.0 + 0.005 * rng.normal(size=6)) + 0.01 * rng.normal(size=made.current.shape)
-            write_recording(store.recordings.path(number), replace(made, current=current, context=context))
+            quality = {**made.quality, "arm": NUMBERED}
+            write_recording(store.recordings.path(number), replace(made, current=current, context=context, quality=quality))
             store.ledger.mark_recorded(number)
             known = state_after(known, assess_stored(store, configuration, known, number, lambda at=at: at))
     return folder
 
 
-def plant(folder: Path, arms: int, replays: int) -> list[Path]:
-    """So many arms: the first one has lived, the others have its history and recordings of their own: other bytes, and the same motion."""
-    first = folder / "arm-00000"
-    homes = [folder / f"arm-{k:05d}" for k in range(arms)]
-    for k, home in enumerate(homes):
+def plant(folder: Path, arms: int, replays: int, first: int = 0) -> list[Path]:
+    """So many arms from a number on: arm 0 has lived, others have its history and other bytes of its recordings."""
+    alive = folder / "arm-00000"
+    if not (alive / MADE).is_file():
+        shutil.rmtree(alive, ignore_errors=True)
+        lived(alive, replays)
+        (alive / MADE).touch()
+    homes = [folder / f"arm-{k:05d}" for k in range(first, first + arms)]
+    for k, home in enumerate(homes, start=first):
         if (home / MADE).is_file():
             continue
         shutil.rmtree(home, ignore_errors=True)
-        if k == 0:
-            lived(home, replays)
-        else:
-            shutil.copytree(first, home, ignore=shutil.ignore_patterns("*.parquet", MADE))
-            with Store.reader(first) as store:
-                for _, path in store.recordings.numbered():
-                    of_first = read_recording(path)
-                    write_recording(home / "recordings" / path.name, replace(of_first, quality={**of_first.quality, "arm": k}))
+        shutil.copytree(alive, home, ignore=shutil.ignore_patterns("*.parquet", MADE))
+        for path in sorted((alive / "recordings").glob("*.parquet")):
+            content = path.read_bytes()
+            own = content.replace(f'"arm": {NUMBERED}'.encode(), f'"arm": {NUMBERED + k}'.encode())
+            assert own != content
+            (home / "recordings" / path.name).write_bytes(own)
         (home / MADE).touch()
     return homes
+
+
+def in_archive(homes: Sequence[Path], archive: Archive) -> None:
+    """Bring the recordings of histories to an archive, and remove them here."""
+    for home in homes:
+        with Store.open(home) as store:
+            store.archived.note_place(archive.settings)
+            for number, path in store.recordings.numbered():
+                content = path.read_bytes()
+                key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
+                store.archived.add(number, archive.put(content, key), BEGAN_S)
+                path.unlink()
+
+
+def in_parts(folder: Path, recordings: int, arms: int, replays: int, s3: bool) -> None:
+    """Judge so many recordings part by part on one worker and on two; what was judged before is in `parts.jsonl`."""
+    done = folder / "parts.jsonl"
+    parts = [json.loads(line) for line in done.read_text().splitlines()] if done.is_file() else []
+    while sum(judged(part) for part in parts) < recordings:
+        number, began = len(parts), time.perf_counter()
+        with ExitStack() as stack:
+            place = folder / "part"
+            shutil.rmtree(place, ignore_errors=True)  # of a call that was ended: every part is measured whole
+            place.mkdir(parents=True)
+            stack.callback(shutil.rmtree, place)
+            homes = plant(folder / "plant", arms, replays, first=1 + number * arms)
+            for home in homes:
+                stack.callback(shutil.rmtree, home)
+            if s3:
+                in_archive(homes, served(place, stack))
+            made_s = time.perf_counter() - began
+            shares = [(1, homes[::OF_ONE]), (2, [home for k, home in enumerate(homes) if k % OF_ONE])]
+            costs = {workers: measured(of_it, str(place / "results"), workers) for workers, of_it in shares[:: 1 if number % 2 else -1]}
+        parts.append({"part": number, "made_s": made_s, "one": costs[1], "two": costs[2]})
+        with done.open("a") as lines:
+            lines.write(json.dumps(parts[-1]) + "\n")
+        print(f"part {number}: made in {made_s:.0f} s; {judged(parts[-1])} recordings, efficiency {efficiency(parts[-1]):.1%}", flush=True)
+    show_parts(parts)
+
+
+def served(place: Path, stack: ExitStack) -> Archive:
+    """An archive on a real S3 server whose files are below a folder."""
+    from s3_server import KEYS, s3_server
+
+    (place / "s3").mkdir()
+    server = stack.enter_context(s3_server(place / "s3"))
+    os.environ.update(AWS_ACCESS_KEY_ID=KEYS[0], AWS_SECRET_ACCESS_KEY=KEYS[1], AWS_ENDPOINT_URL=server.endpoint)
+    return Archive.open(ArchiveSettings(address=f"s3://{server.bucket}/plant", endpoint=server.endpoint))
+
+
+def judged(part: dict[str, Any]) -> int:
+    """How many recordings a part has identified."""
+    return sum(int(part[each]["identify"]["recordings"]) for each in ("one", "two"))
+
+
+def efficiency(part: dict[str, Any]) -> float:
+    """Of two workers against one, by the clock."""
+    one, two = (part[each]["identify"]["recordings"] / part[each]["run_s"] for each in ("one", "two"))
+    return float(two / one / 2.0)
+
+
+def show_parts(parts: Sequence[dict[str, Any]]) -> None:
+    """All parts together."""
+    each = [efficiency(part) for part in parts]
+    error = f" ± {statistics.stdev(each) / len(each) ** 0.5:.1%}" if len(each) > 1 else ""
+    print(f"{sum(map(judged, parts))} recordings in {len(parts)} parts")
+    print(f"efficiency of two workers by the clock {statistics.mean(each):.1%}{error}")
+    ones, twos = together([part["one"] for part in parts]), together([part["two"] for part in parts])
+    show(1, ones, ones)
+    show(2, twos, ones)
+
+
+def together(costs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The costs of several runs as those of one."""
+    found: dict[str, Any] = {}
+    for name, value in costs[0].items():
+        if isinstance(value, dict):
+            found[name] = together([cost[name] for cost in costs])
+        else:
+            found[name] = (max if name in ("threads", "peak_mb") else sum)(cost[name] for cost in costs)
+    return found
 
 
 def measured(histories: list[Path], results: str, workers: int) -> dict[str, Any]:
@@ -143,12 +244,17 @@ def main() -> None:
     parser.add_argument("histories", type=Path, nargs="*", help="of arms; those that live here where none is given")
     parser.add_argument("--replays", type=int, default=30, help="of each arm")
     parser.add_argument("--arms", type=int, default=8)
+    parser.add_argument("--recordings", type=int, help="in parts, which take turns on one worker and on two")
+    parser.add_argument("--s3", action="store_true", help="with --recordings: on a real S3 server")
     parser.add_argument("--folder", type=Path, help="where arms and results stay: the same call goes on from there")
     parser.add_argument("--results", default="", help="folder or s3://bucket/prefix")
     parser.add_argument("--workers", type=int, nargs="*", default=[1, 2])
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.folder or Path(temporary)
+        if arguments.recordings:
+            in_parts(folder, arguments.recordings, PART_ARMS, PART_REPLAYS, arguments.s3)
+            return
         histories = arguments.histories or plant(folder / "plant", arguments.arms, arguments.replays)
         if not arguments.histories and max(arguments.workers) > 1:
             one, many = (alone(histories[0], processes) for processes in (1, max(arguments.workers)))
