@@ -260,6 +260,16 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     assert world_line(document).startswith("plain")
 
 
+def test_false_advisories_are_counted_apart_by_the_arms_age():
+    """The parts of life follow on each other without a gap, and hold every advisory of friction that is counted, once."""
+    document = judged("plain")
+    false, parts = document["false_advisories"], document["false_advisories"]["by_life"]
+    assert [(part["from_day"], part["to_day"]) for part in parts] == [(60, 120), (120, 425), (425, 480)]
+    assert sum(part["events"] for part in parts) == sum(false[kind]["events"] for kind in false["counted"]["kinds"])
+    assert sum(part["robot_years"] for part in parts) == pytest.approx(document["robot_years"])
+    assert all(f"day {part['from_day']:.0f}–{part['to_day']:.0f} " in world_line(document) for part in parts)
+
+
 def test_healthy_joints_jump_go_back_and_forth_and_cycle_as_their_worlds_say():
     """Jumps are rare and common; a telegraph has two levels; a sawtooth rises far longer than it falls; a sensor shifts in one joint."""
     jumps = np.diff(drawn(LevelJumps()).dry, axis=0)

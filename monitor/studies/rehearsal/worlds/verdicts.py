@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,12 @@ from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_docum
 CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
 SOON_DAYS = 30
 CONTRADICTIONS = 2  # in a row raise the alert
+LIFE_DAYS = (LEARNING_DAYS, 2 * LEARNING_DAYS, 425, np.inf)  # ends of the parts of life in which false advisories are counted apart
 COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
 them), over all days after learning: of each joint the first rise to any tier and the first alert of fallen friction, of each arm the first
 common alert (of all joints together). In some worlds a kind is the right word for what happens and not counted: the line names what is.
-"again" counts those that come back after 30 days without. Every kind of wear of the world is put into further arms (half as many of each),
+"again" counts those that come back after 30 days without; "day 60–120" and the like are the counted ones a robot-year at that age of the
+arm, those of weights left out. Every kind of wear of the world is put into further arms (half as many of each),
 from a day between 60 and 425 on; days to detection run from the onset to the first tier of the joint that wears (of any of them, or the
 common alert, where three or more wear), the onset's day included; arms in which that was raised before the onset are left out. Right joint:
 no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
@@ -145,6 +148,7 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
         "false_advisories": {
             "counted": {**_rate(counted, years), "kinds": list(world.goal.counted)},
             "single_joint": _rate(int(rates["rising"]["events"] + rates["falling"]["events"]), years),
+            "by_life": _by_life(healthy),
             **rates,
         },
         "payload_told": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
@@ -166,6 +170,20 @@ def _covered(verdicts: Verdicts, k: int, arms: np.ndarray | None = None) -> floa
     here = slice(None) if arms is None else arms
     of = float(verdicts.of[here, k].sum())
     return float(verdicts.held[here, k].sum()) / of if of else None
+
+
+def _by_life(healthy: Verdicts) -> list[dict[str, Any]]:
+    """The counted advisories of friction by the arms' age: what chance does is learnt from the arm, and young arms have more of them."""
+    counted = healthy.fleet.world.goal.counted
+    first = np.concatenate([getattr(healthy, kind).first for kind in counted])
+    parts = []
+    for begin, end in pairwise(LIFE_DAYS):
+        last = min(end, float(healthy.fleet.days))
+        if last > begin:
+            events = int(((first >= begin) & (first < last)).sum())
+            years = float(healthy.fleet.arms * (last - begin) / DAYS_A_YEAR)
+            parts.append({"from_day": begin, "to_day": last, "robot_years": years, **_rate(events, years)})
+    return parts
 
 
 def _rate(events: int, years: float, **more: int) -> dict[str, Any]:
@@ -212,7 +230,8 @@ def world_line(document: dict[str, Any]) -> str:
     counted, kinds = false["counted"], "+".join(false["counted"]["kinds"])
     line = (
         f"{document['world']:20s} {counted['per_year']:.3f}/y (≤ {counted['at_most']:.3f}, asked {goal['false_advisories']:g}, {kinds}): "
-        f"{each} again {again} in {document['robot_years']:.0f} y"
+        f"{each} again {again} in {document['robot_years']:.0f} y; "
+        + ", ".join(f"day {part['from_day']:.0f}–{part['to_day']:.0f} {part['per_year']:.2f}" for part in false["by_life"])
     )
     for row in document["detection"]:
         median, p90 = ("never" if row[key] is None else f"{row[key]:.0f}" for key in ("median_days", "p90_days"))
