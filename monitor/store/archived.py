@@ -130,9 +130,7 @@ class Archived:
         Where neither has it, the path of the local file that is not there. Raises ArchiveUnavailable, ArchiveRefused, ArchiveConflict.
         """
         local, row = self._recordings.path(ledger_id), self.of(ledger_id)
-        if local.is_file():
-            if row is not None:
-                _compare(local, row)
+        if local.is_file() and (row is None or _compared(local, row)):
             return local
         settings = self.place()
         if row is None or settings is None:
@@ -140,11 +138,16 @@ class Archived:
         return RecordingCache().fetched(settings, row.address, row.sha256)
 
 
-def _compare(local: Path, row: ArchivedRow) -> None:
-    """Raises ArchiveConflict where the local file is not what was archived, StoreError where it cannot be read."""
+def _compared(local: Path, row: ArchivedRow) -> bool:
+    """True: the local file is what was archived. False: it is not there any more, since retention goes on beside whoever reads.
+
+    Raises ArchiveConflict where it is another, StoreError where it cannot be read.
+    """
     try:
         with local.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        return False
     except OSError as error:
         raise StoreError(f"{local}: cannot be read: {error.strerror}") from None
     if found != row.sha256:
@@ -152,3 +155,4 @@ def _compare(local: Path, row: ArchivedRow) -> None:
             f"{local}: is not the recording that was made: its SHA-256 begins with {found[:DIGITS]}, expected {row.sha256[:DIGITS]}; "
             f"move it away: {row.address} is taken in its place"
         )
+    return True

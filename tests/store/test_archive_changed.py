@@ -92,6 +92,17 @@ def test_a_local_recording_that_was_changed_after_it_was_archived_is_told(tmp_pa
     assert read_recording(store.archived.path(number)).samples == 20
 
 
+def test_a_local_recording_that_goes_between_two_looks_is_taken_from_the_archive(
+    tmp_path: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    """The service may let go of it while a command reads."""
+    number = rejected(store, 1)
+    drained(uploads_of(store, configuration(tmp_path))[0])
+    store.recordings.path(number).unlink()
+    monkeypatch.setattr(Path, "is_file", lambda _: True)  # as it was a moment ago
+    assert read_recording(store.archived.path(number)).samples == 20
+
+
 def restored(folder: Path, backup: Path) -> None:
     """The state of the history as it was at a backup."""
     for path in folder.glob(f"{HISTORY}*"):
