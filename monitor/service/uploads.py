@@ -53,7 +53,7 @@ class Uploads:
         self._failures = 0
         self._left: dict[int, str | None] = {}  # windows that are not tried again until a restart, and what is wrong; None: no file
         self._gone: list[ArchivedRow] = []  # neither here nor there any more
-        self._unsound: list[str] = []  # what the archive holds otherwise than it was brought there
+        self._unsound: dict[int, str] = {}  # windows whose recordings the archive holds otherwise than they were, and what is wrong
         self._going: list[int] = []  # windows whose recordings may go from here once the archive's copy was read back
         self._compared = -math.inf  # monotonic: when history and archive were compared
         self._began: float | None = None  # monotonic: since when an upload is under way
@@ -118,7 +118,7 @@ class Uploads:
         """The settings in force, which the history notes; None where there is no archive."""
         settings = self._configuration().archive
         if settings != self._settings:
-            self._left, self._gone, self._unsound, self._going = {}, [], [], []
+            self._left, self._gone, self._unsound, self._going = {}, [], {}, []
             self._compared, self._failures = -math.inf, 0
             if settings is None:
                 self._problems.clear(PROBLEM)
@@ -146,8 +146,7 @@ class Uploads:
         rows = [row for row in self._store.archived.rows() if row.address.startswith(root)]
         arms = sorted({(robot.site, robot.id), *(_arm_of(row.address[len(root) :]) for row in rows)})
         present = self._compute(listed, settings, arms)
-        self._unsound = []
-        self._note_forgotten(settings, present, {row.address for row in rows})
+        unsound = self._note_forgotten(settings, present, {row.address for row in rows})
         lost = [row for row in rows if (there := present.get(row.address)) is None or there.size != row.size]
         self._gone = [row for row in lost if not self._store.recordings.path(row.ledger_id).is_file()]
         for row in lost:
@@ -156,10 +155,16 @@ class Uploads:
                 self._store.archived.remove(row.ledger_id)
         among = {row.ledger_id for row in rows} - {row.ledger_id for row in lost}
         self._going = going(self._store, self._configuration().store, self._now(), among)
+        # what was found before is told until it is read back once more: else its problem would end and begin again every day
+        self._unsound = {number: text for number, text in self._unsound.items() if number in self._going} | unsound
         self._compared = self._monotonic()
 
-    def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> None:
-        """A history that was restored from an older backup does not know what was archived since: number and time say which it is."""
+    def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> dict[int, str]:
+        """A history that was restored from an older backup does not know what was archived since: number and time say which it is.
+
+        Returns what is wrong with those that are not as they were brought there, by their windows.
+        """
+        unsound: dict[int, str] = {}
         unknown: dict[int, list[ArchivedRecording]] = {}
         for address, each in present.items():
             if address not in known:
@@ -169,7 +174,7 @@ class Uploads:
             found = [each for each in unknown.get(window.ledger_id, ()) if window.may_be(each.recorded_at_unix_s)]
             there += [(window.ledger_id, found[0])] if len(found) == 1 else []  # of several nobody knows which it is
         if not there:
-            return
+            return unsound
         with closing(self._compute.steps(copies, settings, there)) as outcomes:
             for number, outcome in outcomes:
                 self._began = self._monotonic()
@@ -178,7 +183,8 @@ class Uploads:
                     self._left.pop(number, None)
                     log.info("found again in the archive: replay=%d %s", number, outcome.address)
                 else:
-                    self._unsound.append(f"replay {number}: {outcome}")
+                    unsound[number] = f"replay {number}: {outcome}"
+        return unsound
 
     def _let_go(self, settings: ArchiveSettings) -> None:
         """Remove some of the recordings that retention lets go, each after its copy in the archive was read back and compared."""
@@ -190,8 +196,9 @@ class Uploads:
                 self._began = self._monotonic()
                 if wrong is None:
                     sound.add(number)
+                    self._unsound.pop(number, None)
                 else:
-                    self._unsound.append(f"replay {number}: {wrong}; the recording stays here")
+                    self._unsound[number] = f"replay {number}: {wrong}; the recording stays here"
         prune(self._store, self._configuration().store, self._problems, self._now(), sound)
         self._going = self._going[len(some) :]
 
@@ -199,7 +206,7 @@ class Uploads:
         """The problem of what the archive has lost, or holds otherwise; none where there is nothing of it."""
         texts = [f"{row.address}: is not there any more, and not here: restore it from a copy" for row in self._gone]
         texts += [f"replay {number}: {text}; the recording stays here" for number, text in self._left.items() if text is not None]
-        texts += self._unsound
+        texts += self._unsound.values()
         more = f"; and {len(texts) - 1} more" if len(texts) > 1 else ""
         self._problems.update(PROBLEM, f"{texts[0]}{more}" if texts else None)
 

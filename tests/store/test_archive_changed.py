@@ -103,6 +103,24 @@ def test_a_local_recording_that_goes_between_two_looks_is_taken_from_the_archive
     assert read_recording(store.archived.path(number)).samples == 20
 
 
+def test_a_changed_object_stays_a_problem_while_the_next_comparison_goes_on(tmp_path: Path, store: Store):
+    """It does not end and begin again every day: each end and beginning is told."""
+    numbers = [rejected(store, day) for day in range(12)]
+    clock, problems, settings = [0.0], Problems(lambda: NOW), configuration(tmp_path)
+    uploads = Uploads(store, lambda: settings, problems, lambda: NOW, lambda: clock[0])
+    drained(uploads)
+    change(Path(store.archived.of(numbers[1]).address))
+    settings = configuration(tmp_path, keep_local_days=1.0)
+    clock[0] += 1.1 * DAY
+    drained(uploads)
+    clock[0] += 1.1 * DAY
+    told = []
+    while uploads.step() == 0.0:
+        told.append(listed(problems).get(PROBLEM, "").startswith(f"replay {numbers[1]}: "))
+    assert told == [True, True]  # after the comparison, and after it was read back once more
+    assert "more" not in listed(problems)[PROBLEM]  # it is told once
+
+
 def restored(folder: Path, backup: Path) -> None:
     """The state of the history as it was at a backup."""
     for path in folder.glob(f"{HISTORY}*"):
