@@ -163,3 +163,7 @@ def test_a_request_within_a_request_is_not_carried_out(plant, length):
         except TimeoutError:
             pass
     assert len(plant.link.asked) == asked
+    with socket.create_connection((host, int(port)), timeout=20.0) as way:  # alone, the same bytes are a request that is carried out
+        way.sendall(inner.encode())
+        assert b" 200 " in way.makefile("rb").readline()
+    assert len(plant.link.asked) == asked + 1
