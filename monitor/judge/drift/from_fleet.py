@@ -66,8 +66,9 @@ def let_go(state: FilterState, prior: FleetPrior, family_std_per_k: float) -> Fi
 def noise_known(state: FilterState, prior: FleetPrior | None) -> Array:
     """(N,) from 0 to 1: how far the noise of a young joint is known from the fleet, its size and how it averages out.
 
-    0 without a fleet's prior, and in an arm whose noise is correlated longer than the fleet's. Of the joints of an arm, the lowest and the
-    highest correlation do not count: wear that begins looks like correlated noise.
+    0 without a fleet's prior, in a joint of which ordinary work has told, because the fleet says nothing of work's noise, and in an arm
+    whose noise is correlated longer than the fleet's. Of the joints of an arm, the lowest and the highest correlation do not count: wear
+    that begins looks like correlated noise.
     """
     if prior is None or prior.chance is None:
         return np.zeros(state.joints)
@@ -82,8 +83,15 @@ def noise_known(state: FilterState, prior: FleetPrior | None) -> Array:
     chance = own / np.maximum(weight, 1e-9) * np.sqrt((1.0 - rho**2) / np.maximum(own * middle.shape[1], 1e-9))
     longer = middle.mean(axis=1) - rho > LONGER_SIGMA * chance
     young = np.clip(2.0 - state.replays / YOUNG_REPLAYS, 0.0, 1.0)
-    known: Array = np.where(np.repeat(longer, J), 0.0, young * prior.arms / (prior.arms + FEW_ARMS))
+    known: Array = np.where(np.repeat(longer, J) | _told_by_both(state), 0.0, young * prior.arms / (prior.arms + FEW_ARMS))
     return known
+
+
+def _told_by_both(state: FilterState) -> np.ndarray:
+    """(N,) joints that the filter has learned of from replays and from work, whichever of them is in force."""
+    s = state.sources
+    both: np.ndarray = np.zeros(state.joints, dtype=bool) if s is None else (s.number > 0) & (s.other_number > 0)
+    return both
 
 
 def _of_all(of_arm: np.ndarray, joints: int) -> np.ndarray:
