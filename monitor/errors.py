@@ -147,5 +147,9 @@ class ArchiveConflict(StoreError):
     """What the archive holds under a name is missing, or is not what was recorded. It is never overwritten."""
 
 
+class ArchiveLost(ArchiveConflict):
+    """The archive does not have a recording any more that was brought there."""
+
+
 class BusError(MonitorError):
     """The Zenoh session cannot be opened, or nobody answered: check the endpoint and the daemon."""

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from monitor.errors import ArchiveConflict, ArchiveRefused, BadInput
+from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, BadInput
 from monitor.store.archive_places import Place, open_place
 from monitor.store.archive_settings import ArchiveSettings
 
@@ -87,11 +87,11 @@ class Archive:
     def read(self, key: str, digest: str = "") -> bytes:
         """The content of a recording, compared with the SHA-256 that its name and `digest` (its beginning, or all of it) say.
 
-        Raises ArchiveConflict where it is not there, or has another content.
+        Raises ArchiveLost where it is not there, ArchiveConflict where it has another content.
         """
         content = self._place.read(key)
         if content is None:
-            raise ArchiveConflict(f"{self.address(key)}: is not there: somebody has removed it, or it lies elsewhere now")
+            raise ArchiveLost(f"{self.address(key)}: is not there: somebody has removed it, or it lies elsewhere now")
         found = hashlib.sha256(content).hexdigest()
         named = match["digest"] if (match := _KEY.fullmatch(key)) else ""
         if not found.startswith(digest) or not found.startswith(named):

@@ -121,3 +121,13 @@ def test_a_reassessment_names_a_changed_recording_and_judges_the_others(remote: 
     remote.change(remote.addresses[1])  # back
     again = json.loads(ended(*common, "--json").stdout)
     assert (again["verdicts"]["identical"], again["errors"], again["left_out"]["changed"]) == (2, [], 0)
+
+
+@pytest.mark.parametrize("remote", ["folder"], indirect=True)
+def test_a_recording_that_the_archive_has_lost_is_gone_and_no_other_one(remote: Remote, scheduler: str, tmp_path: Path):  # noqa: F811
+    """It is named, and nobody is told that somebody changed it."""
+    Path(remote.addresses[1]).unlink()
+    document = json.loads(ended("reassess", remote.home, "--results", tmp_path / "results", "--scheduler", scheduler, "--json").stdout)
+    assert (document["left_out"]["gone"], document["left_out"]["changed"]) == (1, 0)
+    assert [each["replay"] for each in document["errors"]] == [2]
+    assert f"{remote.addresses[1]}: is not there" in document["errors"][0]["reason"]

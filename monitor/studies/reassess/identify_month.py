@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.assess import AssessSettings, identified
-from monitor.errors import ArchiveConflict, BadInput, Unidentifiable
+from monitor.errors import ArchiveConflict, ArchiveLost, BadInput, Unidentifiable
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import robot_digest
@@ -68,7 +68,7 @@ def _identify(stored: Stored, digest: str, inputs: dict[str, Any], contents: Rea
             recording = recording_of(content, stored.path or stored.address)
             if recording.source == stored.address.rpartition("/")[2]:  # a file that does not say its name has that of the history's folder
                 recording = replace(recording, source=RecordingFolder(Path()).path(stored.replay).name)
-    except BadInput as wrong:
+    except (BadInput, ArchiveLost) as wrong:
         return IdentifiedReplay(replay=stored.replay, state=GONE, reason=str(wrong))
     except ArchiveConflict as wrong:
         return IdentifiedReplay(replay=stored.replay, state=CHANGED, reason=str(wrong))
