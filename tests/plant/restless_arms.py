@@ -25,21 +25,19 @@ class RestlessArms(PlantOnBus):
     """Arms none of which hangs; any joint's alert may change at any moment."""
 
     def __init__(self, settings, lives, seed):
-        self._chance, self._day_began = random.Random(seed), time.monotonic()
+        self._chance, self._day, self._day_began = random.Random(seed), lives.day, time.monotonic()
         super().__init__(settings, lives)
 
     def frozen(self, arm):
         return False
-
-    def pass_day(self):
-        self._day_began = time.monotonic()
-        super().pass_day()
 
     def change(self, day_lasts_s):
         """One transition of one arm. Its time is within the simulated day: the times of an arm's transitions grow with their numbers."""
         chance, lives = self._chance, self.lives
         arm, joint, kind, tier = chance.randrange(lives.arms), chance.randint(1, 6), chance.choice(KINDS), chance.choice(TIERS)
         with self._lock:
+            if self._day != lives.day:  # seen here, where no day can pass meanwhile: a share of the new day in the old one would go back
+                self._day, self._day_began = lives.day, time.monotonic()
             share = min((time.monotonic() - self._day_began) / day_lasts_s, 1.0)
             at = lives.at_unix_s(lives.day - 1) + 1.0 + 0.9 * DAY_S * share
             who = {"by": f"person {chance.randrange(50)}", "why": "seen"} if kind in {"acknowledged", "shelved"} else {}
