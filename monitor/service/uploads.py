@@ -51,7 +51,8 @@ class Uploads:
         self._compute = compute
         self._settings: ArchiveSettings | None = None
         self._failures = 0
-        self._left: dict[int, str | None] = {}  # windows that are not tried again until a restart, and what is wrong; None: no file
+        self._left: dict[int, str | None] = {}  # windows that are left out, and what is wrong; None: no file
+        self._again: set[int] = set()  # those of them that are tried once more: daily, a person may have put it right
         self._gone: list[ArchivedRow] = []  # neither here nor there any more
         self._unsound: dict[int, str] = {}  # windows whose recordings the archive holds otherwise than they were, and what is wrong
         self._going: list[int] = []  # windows whose recordings may go from here once the archive's copy was read back
@@ -82,7 +83,7 @@ class Uploads:
         if settings is None:
             return IDLE_S
         oldest = self._store.archived.waiting(len(self._left) + AT_A_TIME)
-        waiting = [each for each in oldest if each.ledger_id not in self._left][:AT_A_TIME]
+        waiting = [each for each in oldest if each.ledger_id not in self._left or each.ledger_id in self._again][:AT_A_TIME]
         if not waiting and not self._going and self._monotonic() - self._compared < DAY_S:
             self._failures = 0
             self._tell_left()
@@ -118,7 +119,7 @@ class Uploads:
         """The settings in force, which the history notes; None where there is no archive."""
         settings = self._configuration().archive
         if settings != self._settings:
-            self._left, self._gone, self._unsound, self._going = {}, [], {}, []
+            self._left, self._again, self._gone, self._unsound, self._going = {}, set(), [], {}, []
             self._compared, self._failures = -math.inf, 0
             if settings is None:
                 self._problems.clear(PROBLEM)
@@ -133,7 +134,9 @@ class Uploads:
             for number, outcome in outcomes:
                 self._began = self._monotonic()
                 self._failures = 0
+                self._again.discard(number)
                 if isinstance(outcome, Copy):
+                    self._left.pop(number, None)
                     self._store.archived.add(number, outcome, self._now())
                     log.info("archived replay=%d bytes=%d%s", number, outcome.size, " (it was there)" if outcome.was_there else "")
                 else:
@@ -157,6 +160,7 @@ class Uploads:
         self._going = going(self._store, self._configuration().store, self._now(), among)
         # what was found before is told until it is read back once more: else its problem would end and begin again every day
         self._unsound = {number: text for number, text in self._unsound.items() if number in self._going} | unsound
+        self._again = {number for number, text in self._left.items() if text is not None}
         self._compared = self._monotonic()
 
     def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> dict[int, str]:

@@ -167,6 +167,31 @@ def test_another_content_under_the_name_is_told_and_never_overwritten(tmp_path: 
     assert len(store.archived.rows()) == 2
 
 
+def test_what_a_person_puts_right_in_the_archive_is_brought_within_a_day(tmp_path: Path, store: Store):
+    """Without a restart, and the problem stays until then: it does not go and come back each day."""
+    damaged = rejected(store, 1)
+    settings, clock, told = configuration(tmp_path), [0.0], []
+    content = store.recordings.path(damaged).read_bytes()
+    place = tmp_path / "archive" / key_of("lab", "cell-1", NOW - 399 * DAY, damaged, content)
+    place.parent.mkdir(parents=True)
+    place.write_bytes(b"PAR1 cut short")
+    problems = Problems(lambda: NOW)
+    uploads = Uploads(store, lambda: settings, problems, lambda: NOW, lambda: clock[0])
+    drained(uploads)
+    clock[0] += 1.1 * DAY
+    while uploads.step() == 0.0:
+        told.append(PROBLEM in listed(problems))
+    assert len(told) == 2, "compared, and tried once more"
+    assert all(told)
+    assert store.archived.rows() == []
+    place.unlink()
+    clock[0] += 1.1 * DAY
+    drained(uploads)
+    assert place.read_bytes() == content
+    assert [row.ledger_id for row in store.archived.rows()] == [damaged]
+    assert PROBLEM not in listed(problems)
+
+
 def test_an_archive_that_is_away_is_a_problem_after_some_tries_and_over_when_it_is_back(tmp_path: Path, store: Store):
     """A mount that is missing is not made below its mount point. The pauses double, up to a limit."""
     rejected(store, 1)
