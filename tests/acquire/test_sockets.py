@@ -1,5 +1,6 @@
 """The connections that ur-rtde opened, seen through the kernel."""
 
+import select
 import socket
 import struct
 
@@ -28,3 +29,13 @@ def test_a_connection_that_its_peer_ended_is_known_before_anything_is_sent_on_it
         assert watch.ended
         for each in (*clients, peers[0]):
             each.close()
+
+
+def test_a_connection_that_was_reset_before_anybody_watched_has_ended():
+    """The kernel does not say any more where it led, so none is there to be watched. It was taken for one that stands."""
+    with socket.create_server((HOST, 0)) as server, socket.create_connection(server.getsockname()) as client:
+        peer = server.accept()[0]
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        peer.close()
+        select.select([client], [], [], 5.0)  # until the reset has come
+        assert PeerWatch(*server.getsockname()).ended

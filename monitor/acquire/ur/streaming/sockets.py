@@ -40,8 +40,8 @@ class PeerWatch:
 
     @property
     def ended(self) -> bool:
-        """Whether one of them has come to its end."""
-        return bool(self._poll.poll(0))
+        """Whether one of them has come to its end, or none stood any more when this watch began."""
+        return not self._kept or bool(self._poll.poll(0))
 
 
 def send_at_once(host: str) -> None:
