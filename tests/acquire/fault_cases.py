@@ -215,7 +215,8 @@ def run_case(case: Case, at_s: float, excitation: Excitation, robot: Robot, sett
         if case.phase != "play":
             stand_aside(settings.host, excitation)
         outcome = _run_once(case, at_s, excitation, robot, settings)
-        before_the_fault = outcome.reported_s is None or not case.causes
+        unshown = not case.causes or (case.may_succeed and outcome.cause not in case.causes)  # the fault ends none, or had not shown yet
+        before_the_fault = outcome.reported_s is None or unshown
         if outcome.cause not in DISTURBED or not before_the_fault or disturbed == ATTEMPTS - 1:
             return replace(outcome, disturbed=disturbed)
         disturbed += 1

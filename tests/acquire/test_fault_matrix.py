@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import fault_cases
 import pytest
 import test_polyscope_x
 from excitations import short
-from fault_cases import FAULTS, HARMLESS, STOPPING, Case, most_rows, run_case, table
+from fault_cases import FAULTS, HARMLESS, STOPPING, Case, Outcome, most_rows, run_case, table
 from simulated_arm import simulated_arm
 
 from monitor.acquire.settings import ReplaySettings
@@ -72,6 +73,24 @@ def test_a_play_that_slows_down_near_its_end_has_rows_for_half_the_ramp_longer_a
 
 def settings(host):
     return ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "causes", "runs"),
+    [
+        ("current_noise", ["late", "stalled", None], 3),  # it ends some plays, and neither of these is how
+        ("current_noise", ["torque_band"], 1),
+        ("current_noise", ["late"] * 9, fault_cases.ATTEMPTS),
+        ("close", ["late"], 1),  # it ends every play: that is no cause of it
+    ],
+)
+def test_a_play_that_a_busy_machine_ended_is_repeated_where_the_fault_need_not_end_one(name, causes, runs, monkeypatch):
+    """The harness itself: one that a fault must end is judged by the cause that was told."""
+    left = list(causes)
+    monkeypatch.setattr(fault_cases, "restore", lambda host: None)
+    monkeypatch.setattr(fault_cases, "_run_once", lambda case, at_s, *_: Outcome(case, at_s, left.pop(0), None, None, 0.1, ()))
+    case = next(case for case in FAULTS if case.name == name)
+    assert run_case(case, 1.0, short(), UR5, settings("127.0.0.1")).disturbed == runs - 1
 
 
 def test_every_fault_of_the_simulator_is_among_the_cases():
