@@ -17,6 +17,7 @@ from monitor.identify.fit.least_squares import Solution, best_condition, conditi
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.fit.projection import mean_load, projection
 from monitor.identify.fit.selection import choose_law
+from monitor.identify.gain_check import gain_warnings
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
@@ -153,6 +154,8 @@ def identify_motions(
         friction_nm=paper.coulomb_nm + REFERENCE_RAD_S * paper.viscous_nm_s_per_rad,
         relative_rms=errors.relative_rms,
     )
+    if not any(warning.code in ("poor_fit", "gain_doubtful") for warning in own_warnings):
+        own_warnings += gain_warnings(problem, found, causes, robot, mounting, base)
     if physical is not None and physical.residual_ratio > remarks_on.FAR_FROM_PHYSICAL:
         own_warnings.append(remarks_on.far_from_physical(physical.residual_ratio))
     return Identification(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.causes import Causes
+from monitor.identify.fit.causes import REPEATABLE, Causes
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit, robust_inflation
 from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
@@ -13,8 +13,6 @@ from monitor.identify.fit.least_squares import Solution
 from monitor.identify.fit.projection import mean_load
 from monitor.model.friction import residual_law
 from monitor.recording import Array
-
-REPEATABLE = ("delay", "warming_fc", "warming_fv")  # causes that are no noise
 
 
 class Covariances(NamedTuple):
