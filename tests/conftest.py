@@ -83,6 +83,11 @@ def pytest_collection() -> Iterator[None]:
         gc.enable()
 
 
+def pytest_unconfigure() -> None:
+    """What was kept goes with the process: libraries that count what is left at its end would tell it as leaks."""
+    gc.unfreeze()
+
+
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
