@@ -135,3 +135,20 @@ def test_a_silent_monitor_is_noticed_and_found_again(blank):
     page.clock.fast_forward(21_000)
     expect(page.locator("#link")).to_have_text("live")
     expect(page.locator("#lost")).to_be_hidden()
+
+
+def test_a_page_whose_session_has_ended_asks_for_the_token_again(browser, tmp_path):
+    """A session ends after a day's work or with the monitor. The page says so by its sign-in, and not that nothing is heard."""
+    (tmp_path / "token").write_text("a token of this test")
+    settings = configuration(tmp_path, token_file="token")
+    with monitor(tmp_path, days=0, settings=settings, moving=False) as (server, _, _):
+        page = browser.new_page()
+        page.clock.install()
+        page.goto(server.url)
+        page.get_by_label("Token").fill("a token of this test")
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.locator("#link")).to_have_text("live")
+        page.context.clear_cookies()
+        page.clock.fast_forward(21_000)
+        expect(page.get_by_label("Token")).to_be_visible()
+        page.close()

@@ -300,7 +300,10 @@ function listen() {
     lost = null;
     link();
   });
-  stream.addEventListener("error", cut);
+  stream.addEventListener("error", (event) => {
+    cut();
+    if (event.target.readyState === EventSource.CLOSED) read("/api/about").catch(report);  // refused: where the session has ended, this asks for the token
+  });
 }
 
 function cut() {
