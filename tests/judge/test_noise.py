@@ -1,6 +1,7 @@
 """Noise that no model assumed: a healthy arm stays quiet, a step is still found, and beliefs from before go on."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from synthetic_arm import CONTEXT, START_S, Arm
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, inflation_of, nothing_seen
+from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, LONGEST, inflation_of, nothing_seen
 from monitor.judge.drift.noise.size import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
@@ -32,7 +33,7 @@ def correlated(rng: np.random.Generator, days: int, joints: int, *, std: float, 
 
 
 def flicker(rng: np.random.Generator, days: int, joints: int) -> Array:
-    """(days, joints) noise with a spectrum of 1/f and a standard deviation of 2 %."""
+    """(days, joints) noise with a spectrum of 1/f and a standard deviation of 2 %; it ends where it began."""
     f = np.fft.rfftfreq(days)
     f[0] = np.inf
     wave = (rng.normal(size=(len(f), joints)) + 1j * rng.normal(size=(len(f), joints))) / np.sqrt(f)[:, None]
@@ -79,6 +80,13 @@ def test_noise_of_other_colours_and_tails_raises_few_alerts():
     ]
     _, alerted = lived(np.concatenate(worlds, axis=1))
     assert alerted.sum() <= 10  # 5 on average, measured with other seeds; 11 or more come once in 70 times
+
+
+def test_years_of_one_over_f_noise_are_no_wear():
+    """6 arms, their second and third year: noise that never averages out takes friction away from the level that was learnt."""
+    noise = flicker(np.random.default_rng(5), 8 * 365, 6 * J)[: 3 * 365]
+    _, alerted = lived(noise, learning=365)
+    assert alerted.sum() <= 5  # 4, and 1.7 on average of three seeds; 9 where wear of years is as sure as wear of half a year
 
 
 def test_a_shock_that_fades_is_no_step_and_a_step_is_found_at_its_third_replay():
@@ -161,6 +169,14 @@ def test_a_joints_own_rises_never_excuse_it():
     assert np.all(after[[0, 1, 2, 4, 5]] > before[[0, 1, 2, 4, 5]])
     assert np.all(before >= LEAST)
     assert before.shape == (J, 2, GROUPS)
+
+
+def test_noise_that_does_not_average_out_makes_wear_of_years_less_sure():
+    """Ten times as long as the oldest candidate: ten times the excess. Chance as the model says, and wear of weeks, stay what they are."""
+    chance = replace(nothing_seen(3), since=np.array([20.0, LONGEST, 10.0 * LONGEST]))
+    assert np.array_equal(chance.of_wear(), np.ones(3))
+    noisy = replace(chance, inflation=np.broadcast_to(np.linspace(1.0, 4.5, GROUPS), chance.inflation.shape))
+    assert noisy.of_wear() == pytest.approx([3.0, 4.5, 36.0])
 
 
 def test_a_belief_without_a_record_of_chance_goes_on():

@@ -26,6 +26,7 @@ LAST = FIRST + SIZES - 1  # (G,) and of the last
 MIDDLE = (FIRST + LAST + 1) // 2  # (G,) and of one in the middle
 IN_BLOCKS = FIRST < 28  # (G,) ages whose replays count in blocks; of older ones one change is a small part of the past
 AGES = np.array([0.0, 2.0, 4.0, 8.0, 16.0, 28.0, 50.0, 100.0])  # (G,) [replays] youngest age in each group, once a joint has 200 replays
+LONGEST = 150.0  # [replays] length of the changes that the inflation of the oldest group is of
 KINDS, SIDES = 2, 2
 MEMORY_REPLAYS = 1000.0  # of the means: noise of years is learnt from years
 LARGEST = 6.0  # [inflations] one score counts as no more: 1.4 % of those of healthy joints are larger
@@ -58,10 +59,14 @@ class Chance:
         return each
 
     def of_wear(self) -> Array:
-        """(N,) inflation of the variance of wear, at least 1: that of a step since which wear was measured."""
+        """(N,) inflation of the variance of wear, at least 1: that of a step since which wear was measured.
+
+        Wear is measured over years, and the oldest candidate began `LONGEST` replays ago. Noise that shows at that age has not averaged
+        out by then, and beyond it is assumed never to do so: its excess grows on with the length.
+        """
         group = np.searchsorted(AGES, self.since, side="right") - 1
-        inflated: Array = np.maximum(self.inflation[np.arange(len(self.since)), 0, group], 1.0)
-        return inflated
+        shown: Array = np.maximum(self.inflation[np.arange(len(self.since)), 0, group], 1.0)
+        return shown + (shown - 1.0) * np.maximum(self.since / LONGEST - 1.0, 0.0)
 
     def since_change(self, learnt: np.ndarray, changed: np.ndarray, agreeing: Array) -> "Chance":
         """After a replay that joints in `learnt` (N,) learned from; those in `changed` changed `agreeing` replays ago."""
