@@ -200,18 +200,37 @@ def _link_block(block: Array, kinds: Sequence[int], screw: Array, link: Array, t
         into += np.multiply(a[row], axis[column], out=scratch)
         into -= np.multiply(a[column], axis[row], out=scratch)
     if ends < len(kinds):
-        np.einsum("cin,ckn->ikn", axis, _moment(link[:, 0], link[:, 1])[:, [kind - 4 for kind in kinds[ends:]]], out=block[:, ends:])
+        moment = _moment(link[:, 0], link[:, 1], [kind - 4 for kind in kinds[ends:]])
+        np.einsum("cin,ckn->ikn", axis, moment, out=block[:, ends:])
 
 
-def _moment(w: Array, dw: Array) -> Array:
-    """(3, 6, N): Jω̇ + ω × Jω by Jxx, Jxy, Jxz, Jyy, Jyz, Jzz. ω, ω̇ : (3, N)."""
+def _moment(w: Array, dw: Array, kinds: Sequence[int]) -> Array:
+    """(3, K, N): Jω̇ + ω × Jω by these of Jxx, Jxy, Jxz, Jyy, Jyz, Jzz, numbered from 0. ω, ω̇ : (3, N)."""
     x, y, z = w
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     dx, dy, dz = dw
-    return np.array(
-        [
-            [dx, dy - xz, dz + xy, -yz, yy - zz, yz],
-            [xz, dx + yz, zz - xx, dy, dz - xy, -xz],
-            [-xy, xx - yy, dx - yz, xy, dy + xz, dz],
-        ]
-    )
+    xy, xz, yz = x * y, x * z, y * z
+    moment = np.empty((3, len(kinds), len(x)))
+    for place, kind in enumerate(kinds):
+        a, b, c = moment[:, place]
+        if kind == 0:
+            a[:], b[:] = dx, xz
+            np.negative(xy, out=c)
+        elif kind == 1:
+            np.subtract(dy, xz, out=a)
+            np.add(dx, yz, out=b)
+            np.subtract(x * x, y * y, out=c)
+        elif kind == 2:
+            np.add(dz, xy, out=a)
+            np.subtract(z * z, x * x, out=b)
+            np.subtract(dx, yz, out=c)
+        elif kind == 3:
+            np.negative(yz, out=a)
+            b[:], c[:] = dy, xy
+        elif kind == 4:
+            np.subtract(y * y, z * z, out=a)
+            np.subtract(dz, xy, out=b)
+            np.add(dy, xz, out=c)
+        else:
+            a[:], c[:] = yz, dz
+            np.negative(xz, out=b)
+    return moment
