@@ -5,6 +5,7 @@ the motion, and the jitter of the clock, which acts on all joints at once in pro
 """
 
 import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,7 @@ def longest_chain(t_s: Array, q: Array, qd: Array | None) -> Chain:
     if N < 3:
         return Chain(np.arange(N), np.zeros(0, dtype=np.intp), np.zeros(q.shape))
     steps = _Steps(t_s, q, qd)
-    joined = steps.joined(np.arange(N - 1), np.arange(1, N))
+    joined = steps.joined_to_next()
     if joined.all():
         return _with_turns(steps, np.arange(N), np.zeros(0, dtype=np.intp))
     nodes = _nodes(joined)
@@ -63,7 +64,7 @@ class _Steps:
             self._reach = np.minimum(MAX_SPEED_RAD_S, 3.0 * quantiles(speed, 0.95))  # (J,)
             return
         self._noise, self._acceleration, self._still = np.zeros((3, q.shape[1]))
-        off, _ = self._off(np.arange(len(q) - 1), np.arange(1, len(q)))
+        off, _ = self._next
         change = np.abs(np.diff(qd, axis=0)) / dt[:, None]
         for j in range(q.shape[1]):
             moving = np.abs(qd[1:, j]) > MOVING_RAD_S
@@ -74,9 +75,17 @@ class _Steps:
 
     def joined(self, before: Indices, after: Indices) -> Mask:
         """(n,) whether the rows `after` (n,) continue the rows `before` (n,)."""
+        return self._judged(before, after, self._off(before, after)[0])
+
+    def joined_to_next(self) -> Mask:
+        """(N − 1,) whether the row after each row continues it."""
+        rows = np.arange(len(self._t))
+        return self._judged(rows[:-1], rows[1:], self._next[0])
+
+    def _judged(self, before: Indices, after: Indices, off: Array) -> Mask:
+        """`joined`, of rows that are `off` (n, J) [rad]."""
         dt = (self._t[after] - self._t[before])[:, None]
         near = dt[:, 0] <= max(HOLE_S, 3.0 * self._tick)
-        off, _ = self._off(before, after)
         if self._qd is None:
             joined: Mask = near & np.all(np.abs(off) <= 0.01 + self._reach * dt, axis=1)
             return joined
@@ -92,15 +101,20 @@ class _Steps:
 
     def turns(self, before: Indices, after: Indices) -> Array:
         """(n, J) whole turns by which a position went on too far [rad]."""
-        return self._off(before, after)[1]
+        return self._next[1] if len(after) == len(self._t) - 1 else self._off(before, after)[1]
 
-    def _off(self, before: Indices, after: Indices) -> tuple[Array, Array]:
+    def _off(self, before: Indices | slice, after: Indices | slice) -> tuple[Array, Array]:
         """(n, J) Δq − q̇·Δt without whole turns, and those turns [rad]."""
         off = self._q[after] - self._q[before]
         if self._qd is not None:
             off = off - 0.5 * (self._qd[after] + self._qd[before]) * (self._t[after] - self._t[before])[:, None]
         left = _within_a_turn(off)
         return left, off - left
+
+    @cached_property
+    def _next(self) -> tuple[Array, Array]:
+        """`_off` of each row and the row after it."""
+        return self._off(slice(None, -1), slice(1, None))
 
 
 def _within_a_turn(x: Array) -> Array:
@@ -165,4 +179,7 @@ def _best(steps: _Steps, nodes: Indices) -> list[int]:
 def _with_turns(steps: _Steps, rows: Indices, breaks: Indices) -> Chain:
     turns = steps.turns(rows[:-1], rows[1:])
     turns[breaks - 1] = 0.0  # beyond a jump, a turn has no meaning
-    return Chain(rows, breaks, -np.concatenate([np.zeros((1, turns.shape[1])), np.cumsum(turns, axis=0)]))
+    whole = np.zeros((len(rows), turns.shape[1]))
+    if np.any(turns):  # seldom
+        np.cumsum(-turns, axis=0, out=whole[1:])
+    return Chain(rows, breaks, whole)

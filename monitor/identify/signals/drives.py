@@ -25,6 +25,8 @@ def refuse_other_unit(recording: Recording) -> None:
     """Raises Unidentifiable where currents are of a size that no drive of an arm has, throughout."""
     if recording.current is None or recording.torque is not None:
         return
+    if np.max(np.abs(recording.current), initial=0.0) <= MOST_A:
+        return
     largest = np.max(usual_size(recording.current), initial=0.0)
     if largest > MOST_A:
         raise Unidentifiable(
@@ -81,7 +83,7 @@ def _cut_off(x: Array) -> float | None:
     """The largest or smallest value where many readings pile up on it; None where neither has a pile."""
     width = NEAR * float(np.ptp(x))
     for end in (float(np.max(x)), float(np.min(x))):
-        pile, near = int(np.sum(x == end)), int(np.sum((np.abs(x - end) <= width) & (x != end)))
-        if pile >= PILE_ROWS and pile > PILE * near:
+        pile = np.count_nonzero(x == end)
+        if pile >= PILE_ROWS and pile > PILE * np.count_nonzero((np.abs(x - end) <= width) & (x != end)):
             return end
     return None

@@ -79,8 +79,8 @@ def usual_size(values: Array) -> Array:
 def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
     """(N,) rows that repeat the row before them number for number, time included: written twice, and measured once."""
     same = np.zeros(len(keep), dtype=bool)
-    if len(keep):
-        same[1:] = np.all([np.all(value[keep[1:]] == value[keep[:-1]], axis=1) for value in rows.values()], axis=0)
+    again = np.flatnonzero(rows["t_s"][keep[1:], 0] == rows["t_s"][keep[:-1], 0]) + 1  # most often none
+    same[again] = np.all([np.all(value[keep[again]] == value[keep[again - 1]], axis=1) for value in rows.values()], axis=0)
     return same
 
 
@@ -88,9 +88,11 @@ def _held(rows: Mapping[str, Array], keep: Indices) -> Mask:
     """(N,) rows that repeat the signals of the row before them at a later time, although the arm moved on: a tick was missed."""
     held = np.zeros(len(keep), dtype=bool)
     if len(keep) and "qd" in rows:
-        signals = [value[keep] for key, value in rows.items() if key != "t_s"]
-        held[1:] = np.all([np.all(value[1:] == value[:-1], axis=1) for value in signals], axis=0)
-        held &= np.any(np.abs(rows["qd"][keep]) > HELD_SPEED_RAD_S, axis=1)
+        signals = [value for key, value in rows.items() if key != "t_s"]
+        first = signals[0][keep, 0]
+        again = np.flatnonzero(first[1:] == first[:-1]) + 1  # few
+        held[again] = np.all([np.all(value[keep[again]] == value[keep[again - 1]], axis=1) for value in signals], axis=0)
+        held[again] &= np.any(np.abs(rows["qd"][keep[again]]) > HELD_SPEED_RAD_S, axis=1)
     return held
 
 
