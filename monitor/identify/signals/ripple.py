@@ -65,6 +65,7 @@ def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float
     why: list[tuple[str | None, ...]] = [(SLOW,) * H] * J
     width = max(3, 2 * round(0.5 * WINDOW_S * rate_hz) + 1)
     stretches = [slice(rows[0], rows[-1] + 1) for rows in unfiltered.stretches if len(rows) > 2 * width]
+    cases: list[_Case] = []
     if stretches:
         blocks = np.floor(_joined([unfiltered.t_s[each] for each in stretches]) / BLOCK_S)
         for j in np.flatnonzero(np.isfinite(gear_ratio)):  # one after the other: the waves of a long recording fill the memory
@@ -77,7 +78,20 @@ def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float
             direction = np.where(np.abs(turning - passed[-1]) > 1.0 - 0.5 / width, turning, 0.0)
             limit = OUTLIER_STD * 1.4826 * median(np.abs(passed[-2]))
             np.clip(passed[-2], -limit, limit, out=passed[-2])  # spikes
-            amplitude[j], std[j], why[j] = _of_joint(passed[:-1], direction, speed, blocks, cycles[j], rate_hz)
+            own, why[j] = _of_joint(int(j), passed[:-1], direction, speed, blocks, cycles[j], rate_hz)
+            cases += own
+    weight, square, variance = np.zeros((3, J, H))  # sums over the directions
+    for case, fitted in zip(cases, _squares(cases), strict=True):
+        if fitted is not None:
+            at, n = (case.joint, case.order), case.rows
+            weight[at], square[at], variance[at] = weight[at] + n, square[at] + n * fitted[0], variance[at] + n * n * fitted[1]
+    known = weight > 0.0
+    why = [tuple(None if known[j, h] else reason for h, reason in enumerate(reasons)) for j, reasons in enumerate(why)]
+    size, doubt = np.maximum(square[known] / weight[known], 0.0), np.sqrt(variance[known]) / weight[known]
+    amplitude[known] = np.sqrt(size)
+    # dA = dA²/(2·A) far from zero, and √dA² at zero; a current that never changes tells neither
+    spread = amplitude[known] + np.sqrt(size + doubt)
+    std[known] = np.divide(doubt, spread, out=np.full(len(doubt), np.nan), where=spread > 0.0)
     return Ripple(cycles, amplitude, std, tuple(why), highest)
 
 
@@ -114,26 +128,20 @@ def combined(ripples: Sequence[Ripple | None]) -> Ripple | None:
 class _Case(NamedTuple):
     """One order in one direction of motion."""
 
+    joint: int  # from 0
     order: int  # place in ORDERS
     rows: float  # number of rows
     sums: Array  # (blocks, 2·H + 1, 2·H + 1) products of cosines, sines and current over each block of time
 
 
-class _Found(NamedTuple):
-    """What the rows of one joint say, each (H,)."""
-
-    amplitude_a: Array
-    std_a: Array
-    why: tuple[str | None, ...]
-
-
-def _of_joint(signals: Array, direction: Array, speed: Array, blocks: Array, cycles: Array, rate_hz: float) -> _Found:
-    """Amplitudes of one joint.
+def _of_joint(
+    joint: int, signals: Array, direction: Array, speed: Array, blocks: Array, cycles: Array, rate_hz: float
+) -> tuple[list[_Case], tuple[str | None, ...]]:
+    """The cases of one joint, and why an order without any has no amplitude.
 
     signals : (2·H + 1, n) cosines, sines and current, all through the high-pass. direction : (n,) as in `gear_ripple`. speed : (n,) |q̇|.
     blocks : (n,) number of the block of time. cycles : (H,).
     """
-    H = len(cycles)
     per_speed = cycles / (2.0 * math.pi)  # [Hz·s/rad]
     frequency = speed * per_speed[:, None]  # (H, n) [Hz]
     fast = frequency > MOST_OF_RATE * rate_hz
@@ -154,20 +162,8 @@ def _of_joint(signals: Array, direction: Array, speed: Array, blocks: Array, cyc
             changes = block[used][1:] != block[used][:-1]
             if np.count_nonzero(changes) + 1 >= LEAST_BLOCKS:
                 sums = np.add.reduceat(products[used], np.append(0, changes.nonzero()[0] + 1), axis=0)
-                cases.append(_Case(h, float(used @ rows), sums))
-    weight, square, variance = np.zeros((3, H))  # sums over the directions
-    for case, fitted in zip(cases, _squares(cases), strict=True):
-        if fitted is not None:
-            h, n = case.order, case.rows
-            weight[h], square[h], variance[h] = weight[h] + n, square[h] + n * fitted[0], variance[h] + n * n * fitted[1]
-    known = weight > 0.0
-    total = np.where(known, weight, np.nan)
-    size, doubt = np.maximum(square / total, 0.0), np.sqrt(variance) / total
-    amplitude = np.sqrt(size)
-    why = tuple(None if known[h] else FAST if hidden[h] else SLOW for h in range(H))
-    # dA = dA²/(2·A) far from zero, and √dA² at zero; a current that never changes tells neither
-    spread = amplitude + np.sqrt(size + doubt)
-    return _Found(amplitude, np.divide(doubt, spread, out=np.full(H, np.nan), where=spread > 0.0), why)
+                cases.append(_Case(joint, h, float(used @ rows), sums))
+    return cases, tuple(FAST if each else SLOW for each in hidden)
 
 
 def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
@@ -188,17 +184,25 @@ def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
         moved = np.linalg.solve(np.repeat(whole, lengths, axis=0) - gram, left[:, :, None])[:, :, 0]  # by the block that is left out
     except np.linalg.LinAlgError:  # waves that are one, as of a joint that turned to and fro by a thousandth of a turn
         return [None] if len(cases) == 1 else [_squares([case])[0] for case in cases]
-    found: list[tuple[float, float] | None] = []
-    for case, at, values, blocks in zip(cases, first, b[:, :, 0], lengths, strict=True):
-        own, here = [case.order, case.order + len(ORDERS)], slice(at, at + blocks)
-        z, apart, energy = values[own], moved[here][:, own], gram[here][:, own, own].sum(axis=1)  # energy of the wave in each block
-        freedom = max(float(energy.sum() ** 2 / (energy @ energy)) - len(values), LEAST_FREEDOM)
-        # few blocks, some of them short: intervals of 90 % are those of Student's t; Abramowitz and Stegun (1972), 26.7.5
-        wider = 1.0 + 0.926 / freedom + 0.864 / freedom**2
-        C = apart.T @ apart * wider**2
-        pure = 2.0 * float((C * C).sum())
-        found.append((float(z @ z - C[0, 0] - C[1, 1]), max(4.0 * float(z @ C @ z) - pure, pure)))
-    return found
+    H = len(ORDERS)
+    orders, each = np.array([case.order for case in cases]), np.arange(len(sums))
+    z = np.stack([b[np.arange(len(cases)), orders + part, 0] for part in (0, H)])  # (2, cases)
+    places = [np.repeat(orders + part, lengths) for part in (0, H)]
+    apart = [moved[each, own] for own in places]
+    energy = sum(gram[each, own, own] for own in places)  # of the wave in each block
+
+    def total_of(x: Array) -> Array:
+        summed: Array = np.add.reduceat(x, first)
+        return summed
+
+    freedom = np.maximum(total_of(energy) ** 2 / total_of(energy**2) - 2 * H, LEAST_FREEDOM)
+    # few blocks, some of them short: intervals of 90 % are those of Student's t; Abramowitz and Stegun (1972), 26.7.5
+    wider = (1.0 + 0.926 / freedom + 0.864 / freedom**2) ** 2
+    Cxx, Cxy, Cyy = (wider * total_of(apart[a] * apart[b]) for a, b in ((0, 0), (0, 1), (1, 1)))
+    pure = 2.0 * (Cxx**2 + 2.0 * Cxy**2 + Cyy**2)
+    square = z[0] ** 2 + z[1] ** 2 - Cxx - Cyy
+    variance = np.maximum(4.0 * (z[0] ** 2 * Cxx + 2.0 * z[0] * z[1] * Cxy + z[1] ** 2 * Cyy) - pure, pure)
+    return list(zip(square.tolist(), variance.tolist(), strict=True))
 
 
 def _products(signals: Array, starts: Indices) -> Array:
