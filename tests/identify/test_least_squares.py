@@ -6,7 +6,17 @@ from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
 from monitor.identify.fit.jackknife import jackknife_covariance
-from monitor.identify.fit.least_squares import Factor, Rows, best_condition, condition_number, factors, residual_rms, solve, triangle
+from monitor.identify.fit.least_squares import (
+    Factor,
+    Rows,
+    best_condition,
+    condition_number,
+    factors,
+    joined,
+    residual_rms,
+    solve,
+    triangle,
+)
 from monitor.model.base import base_parameters
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import load_robot
@@ -75,6 +85,32 @@ def test_factors_merge_as_recordings_come():
     weights = np.array([1.0, 5.0, 0.2])
     np.testing.assert_allclose(solve(running, weights, np.zeros(7)).values, solve(together, weights, np.zeros(7)).values, rtol=1e-9)
     assert [factor.samples for factor in running] == [factor.samples for factor in together]
+
+
+def with_small_directions(rng, rows):
+    """Rows whose singular values fall from 1 to 1e-9: of a Gram matrix, half of them would be rounding."""
+    U, V = np.linalg.qr(rng.normal(size=(rows, 19)))[0], np.linalg.qr(rng.normal(size=(19, 19)))[0]
+    sizes = np.logspace(0.0, -9.0, 19)
+    return U * sizes @ V.T, sizes
+
+
+@pytest.mark.parametrize("rows", [40, 3000])
+def test_a_factor_keeps_the_directions_that_the_rows_hardly_show(rows):
+    A, sizes = with_small_directions(np.random.default_rng(5), rows)
+    assert np.linalg.svd(triangle(A), compute_uv=False) == pytest.approx(sizes, rel=1e-5)
+
+
+@pytest.mark.parametrize("short", [0, 7])
+def test_two_factors_joined_are_the_factor_of_all_rows(short):
+    """Whole triangles, and one that has fewer rows than columns."""
+    A, _ = with_small_directions(np.random.default_rng(6), 400)
+    halves = A[:200], A[200 : 200 + short] if short else A[200:]
+    R, every = joined(*(triangle(half) for half in halves)), np.concatenate(halves)
+    np.testing.assert_array_equal(R, np.triu(R))
+    np.testing.assert_allclose(R.T @ R, every.T @ every, atol=1e-15)
+    sizes = np.linalg.svd(every, compute_uv=False)
+    np.testing.assert_allclose(np.linalg.svd(R, compute_uv=False), sizes, rtol=1e-5, atol=1e-15)
+    np.testing.assert_array_equal(joined(R[:0], R), R)
 
 
 def test_what_is_not_excited_stays_at_the_prior():

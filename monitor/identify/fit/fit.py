@@ -23,6 +23,7 @@ from monitor.identify.fit.least_squares import (
     residual_rms,
     residuals_beside,
     solve,
+    triangle,
 )
 from monitor.model.friction import PAPER, FrictionLaw
 from monitor.recording import Array
@@ -145,16 +146,17 @@ def _solved(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], wei
     """The solution with the prior of the base parameters, and the prior that the law's terms carry."""
     J, extras = len(joints), len(law.extra_terms)
     expected = np.append(problem.prior, np.zeros(J * extras))
-    free = solve(joints, weights, expected)
     if all(math.isinf(term.expected_std) for term in law.terms):
-        return free
+        return solve(joints, weights, expected)
+    both = [Factor(triangle(np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])), 1)]
+    free = solve(both, np.ones(1), expected)
     # residuals agree for half a second, so a prior weighs as much as the rows of that time
     rate_hz = np.mean([eq.motion.rate_hz for eq in problem.equations])
     noise = weights * residual_rms(joints, free.values) * np.sqrt(CORRELATED_S * rate_hz)  # (J,)
     penalty = np.zeros(len(expected))
     for place, term in zip(problem.layout.of_law(law).T, law.terms, strict=True):  # (J,)
         penalty[place] = noise / term.expected_std
-    return solve(joints, weights, expected, penalty)
+    return solve(both, np.ones(1), expected, penalty)
 
 
 def _robust(problem: FitProblem, start: Fit) -> Fit:

@@ -8,9 +8,9 @@ import numpy as np
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit, first_fit, fit
-from monitor.identify.fit.least_squares import Factor, Rows, factors, solve, triangle
+from monitor.identify.fit.least_squares import Factor, Rows, factors, joined, solve, triangle
 from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
-from monitor.recording import Array
+from monitor.recording import Array, Indices
 
 FOLDS = 10  # stretches of time, each far longer than the time over which residuals are correlated (0.5 s)
 
@@ -34,14 +34,17 @@ def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Ch
     # one round: the load is then right to a hundredth, for all laws alike
     rows = [rec.thinned(every) for rec in fit(problem, richest, method=method, start=start, rounds=1).rows]
     weights = fit(problem, PAPER, method=method, start=start).weights  # (J,) one scale, so that all laws are compared alike
-    folds = [_fold([_stretch(rec, k) for rec in rows], weights) for k in range(FOLDS)]
-    places = problem.layout.of_law(richest)  # (J, K)
+    # term after term: the columns of most laws are then the first ones, and their factor is a part of the factor of all
+    B, own = len(prior), problem.layout.of_law(richest)[:, 2:]  # (J, E)
+    order = np.concatenate([np.arange(B), own.T.ravel(), [-1]])
+    folds = [_fold([_stretch(rec, k) for rec in rows], weights, order) for k in range(FOLDS)]
+    others = _others([fold.R for fold in folds])
     errors = {}
     for law in laws:
-        own = places[:, [richest.terms.index(term) for term in law.extra_terms]].ravel()
-        columns = np.concatenate([np.arange(len(prior)), own, [-1]]).astype(np.intp)
-        expected = np.append(prior, np.zeros(len(own)))
-        errors[law.name] = _left_out([Factor(triangle(fold.R[:, columns]), fold.samples) for fold in folds], expected)
+        terms = [richest.extra_terms.index(term) for term in law.extra_terms]
+        columns = np.concatenate([np.arange(B), *(B + len(own) * k + np.arange(len(own)) for k in terms), [-1]]).astype(np.intp)
+        expected = np.append(prior, np.zeros(len(columns) - 1 - B))
+        errors[law.name] = _left_out(folds, others, columns, expected)
     best = PAPER
     for law in laws[1:]:
         gain = errors[best.name] - errors[law.name]  # (F,) mean squares
@@ -59,24 +62,35 @@ def _stretch(rec: Rows, k: int) -> Rows:
     return Rows(Felt.of(rec.Y).part(first, last), rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
 
 
-def _fold(rows: Sequence[Rows], weights: Array) -> Factor:
-    """One factor of all joints' rows, weighted."""
+def _fold(rows: Sequence[Rows], weights: Array, order: Indices) -> Factor:
+    """One factor of all joints' rows, weighted, with its columns in this order."""
     joints = factors(rows)
     return Factor(
-        triangle(np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])),
+        triangle(np.concatenate([weight * factor.R[:, order] for weight, factor in zip(weights, joints, strict=True)])),
         sum(factor.samples for factor in joints),
     )
 
 
-def _left_out(folds: Sequence[Factor], expected: Array) -> Array:
-    """(F,) mean square residual of each stretch after the fit to all other stretches; rows are weighted."""
-    before = [folds[0].R[:0]]  # factor of all stretches before this one
-    for fold in folds[:-1]:
-        before.append(triangle(np.concatenate([before[-1], fold.R])))
-    after, errors = folds[0].R[:0], []
-    for fold, earlier in zip(reversed(folds), reversed(before), strict=True):
-        others = [Factor(np.concatenate([earlier, after]), 1)]
-        left = fold.R @ np.append(solve(others, np.ones(1), expected).values, -1.0)
+def _others(folds: Sequence[Array]) -> list[Array]:
+    """Of each stretch the factor of all other stretches."""
+    before = [folds[0][:0]]  # factor of all stretches before this one
+    for R in folds[:-1]:
+        before.append(joined(before[-1], R))
+    after, others = folds[0][:0], []
+    for R, earlier in zip(reversed(folds), reversed(before), strict=True):
+        others.append(joined(earlier, after))
+        after = joined(R, after)
+    return others[::-1]
+
+
+def _left_out(folds: Sequence[Factor], others: Sequence[Array], columns: Indices, expected: Array) -> Array:
+    """(F,) mean square residual of each stretch after the fit of these columns to all other stretches; rows are weighted."""
+    K = len(expected)
+    first = np.array_equal(columns[:-1], np.arange(K))
+    errors = []
+    for fold, R in zip(folds, others, strict=True):
+        # of the first columns, the later rows hold nothing but what no solution explains
+        rest = R[: K + 1, columns] if first else triangle(R[:, columns])
+        left = fold.R[:, columns] @ np.append(solve([Factor(rest, 1)], np.ones(1), expected).values, -1.0)
         errors.append(float(left @ left) / max(fold.samples, 1))
-        after = triangle(np.concatenate([fold.R, after]))
-    return np.array(errors[::-1])
+    return np.array(errors)
