@@ -24,7 +24,7 @@ from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import Felt, felt_columns, felt_under
 from monitor.model.robot import PER_JOINT, Mounting, Robot
-from monitor.recording import Array, Indices, Mask
+from monitor.recording import Array, Mask
 
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
 VAGUE_DEG = 180.0  # standard deviation at which the data do not say where gravity is: one joint that moves about the vertical
@@ -157,14 +157,16 @@ class _Problem:
         self.nominal = np.append(base.combination @ robot.nominal_parameters(), np.zeros(free))  # (B,)
         step = max(1, sum(moved.samples for moved in motions) // samples)
         felt, W = felt_columns(base.columns, robot.joints, robot.innermost), len(self.weighty)
-        rows = [_rows(moved, torque, robot, felt, self.weighty, step, offsets) for moved, torque in zip(motions, torques, strict=True)]
+        rows = [_rows(moved, torque, robot, felt, kinds < 4, step, offsets) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
         for j in range(robot.joints):
             A = np.concatenate([blocks[j][:, used[:, j]] for blocks, used in rows], axis=1)  # (K, n)
             if A.shape[1] <= B + 3 * W + 1:
                 continue  # the joint hardly moves
-            weighty = np.flatnonzero(np.isin(self.weighty, felt.places[j]))
+            feels = np.zeros(B, dtype=bool)
+            feels[felt.places[j]] = True
+            weighty = np.flatnonzero(feels[self.weighty])
             own = [base.count + j] if offsets else []
             places = np.concatenate([felt.places[j], own, *(B + k * W + weighty for k in range(3)), [B + 3 * W]]).astype(np.intp)
             acts = np.any(A != 0.0, axis=1)
@@ -257,7 +259,7 @@ class _Problem:
         return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
 
 
-def _rows(moved: Motion, torque: Array, robot: Robot, felt: Felt, weighty: Indices, step: int, offsets: bool) -> tuple[list[Array], Mask]:
+def _rows(moved: Motion, torque: Array, robot: Robot, felt: Felt, weighty: Mask, step: int, offsets: bool) -> tuple[list[Array], Mask]:
     """Of each joint its columns (K, n), and the rows that count (n, J), of every `step`-th sample.
 
     The columns are those without gravity, in the order of `felt`, one for an offset of the torque where there are `offsets`, those that
@@ -271,7 +273,7 @@ def _rows(moved: Motion, torque: Array, robot: Robot, felt: Felt, weighty: Indic
     for j, block in enumerate(felt_under(robot, gravity, felt, *states)):
         top, bottom, ahead, aside = np.split(block.T, len(ups), axis=1)  # (K, n) each
         still = 0.5 * (top + bottom)
-        heavy = np.isin(felt.places[j], weighty)
+        heavy = weighty[felt.places[j]]
         pulls = [ahead[heavy] - still[heavy], aside[heavy] - still[heavy], 0.5 * (top - bottom)[heavy]]
         blocks.append(np.concatenate([still, np.ones((int(offsets), len(q))), *pulls, torque[None, ::step, j]]))
     return blocks, np.abs(qd) > STANDSTILL_SPEED_RAD_S

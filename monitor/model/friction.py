@@ -159,8 +159,8 @@ class FrictionLaw:
         """Whether the law needs the torque through the gear."""
         return any(term.loaded for term in self.terms)
 
-    def columns(self, qd: Array, load_nm: Array | None = None) -> Array:
-        """Torque per unit of each parameter, (…, J, K).
+    def columns(self, qd: Array, load_nm: Array | None = None, first: int = 0) -> Array:
+        """Torque per unit of each parameter from the `first` one on, (…, J, K). Memory runs along the samples.
 
         qd : (…, J) joint speeds [rad/s]. load_nm : (…, J) torque through the gears without friction [N·m].
         Raises BadInput where the law needs the load and `load_nm` is None.
@@ -170,7 +170,11 @@ class FrictionLaw:
                 raise BadInput(f"friction law {self.name!r} needs the torque that the gear passes on")
             load_nm = np.zeros_like(qd)
         direction = smooth_sign(qd)
-        return np.stack([term.column(direction, qd, load_nm) for term in self.terms], axis=-1)
+        terms = self.terms[first:]
+        columns = np.empty((*qd.shape, len(terms)), order="F")
+        for k, term in enumerate(terms):
+            columns[..., k] = term.column(direction, qd, load_nm)
+        return columns
 
     def torque(self, parameters: Array, qd: Array, load_nm: Array | None = None) -> Array:
         """Friction torque (N, J) [N·m].

@@ -31,10 +31,14 @@ class Causes:
             self.rows.append(before.thinned(every, B))
             delay = -np.gradient(torque, axis=0) * moved.rate_hz  # (N, J) [N·m/s] of a torque that comes later
             middle = moved.t_s - np.mean(moved.t_s)
-            warming = moved.rounded(middle[:, None, None] * PAPER.columns(moved.qd))  # (N, J, 2)
-            extra = eq.extra_columns(law, found.solution.values[:B], problem.layout)
-            parts = (extra, delay[:, :, None], warming, np.ones((*delay.shape, 1)))
-            self._columns.append(np.concatenate([part[::every] for part in parts], axis=2))
+            warming = PAPER.columns(moved.qd)  # (N, J, 2)
+            warming *= middle[:, None, None]
+            E = self._terms
+            columns = np.empty((len(self.rows[-1].torque_nm), delay.shape[1], E + len(OTHER_CAUSES)), order="F")
+            columns[:, :, :E] = eq.extra_columns(law, found.solution.values[:B], problem.layout)[::every]
+            columns[:, :, E], columns[:, :, E + 3] = delay[::every], 1.0
+            columns[:, :, E + 1 : E + 3] = moved.rounded(warming)[::every]
+            self._columns.append(columns)
         whole = found.joints if every == 1 else factors(self.rows)
         self._joints = Beside(self.rows, whole).with_own(self._columns)
         self._solutions: dict[tuple[str, ...], Solution] = {}

@@ -16,7 +16,7 @@ from monitor.identify.fit.jackknife import block_steps
 from monitor.identify.fit.least_squares import Rows
 from monitor.identify.signals.motion import Motion
 from monitor.model.base import Base
-from monitor.model.friction import FrictionLaw
+from monitor.model.friction import PAPER, FrictionLaw
 from monitor.model.regressor import ROTOR, felt_columns, felt_regressor, friction_columns
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
@@ -75,7 +75,7 @@ class Equations:
 
     def extra_columns(self, law: FrictionLaw, values: Array, layout: Layout) -> Array:
         """(N, J, K − 2) each joint's columns of the law after fc's and fv's, filtered as the torque was."""
-        return self.motion.rounded(law.columns(self.motion.qd, self.load(values, layout))[:, :, 2:])
+        return self.motion.rounded(law.columns(self.motion.qd, self.load(values, layout), first=len(PAPER.terms)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -111,7 +111,7 @@ class Beside:
         J, E = columns[0].shape[1:]
         along = [np.zeros((len(R), E + 1)) for R in self._R]  # the part of the new columns and of the torque along Y
         for j, block, weight, more in self._parts(columns):
-            along[j] += self._whitening[j].T @ (block.T @ (weight * more))
+            along[j] += self._whitening[j].T @ (block.T @ np.multiply(more, weight, order="F"))
         shares = [whitening @ part for whitening, part in zip(self._whitening, along, strict=True)]
         rests = [np.zeros((0, E + 1))] * J
         for j, block, weight, more in self._parts(columns):
@@ -132,7 +132,10 @@ class Beside:
             for piece, blocks in Y.pieces():
                 for j, block in enumerate(blocks):
                     weight = root[piece, j, None]
-                    yield j, block, weight, weight * np.column_stack([own[piece, j], rec.torque_nm[piece, j]])
+                    more = np.empty((len(block), own.shape[2] + 1), order="F")
+                    np.multiply(own[piece, j], weight, out=more[:, :-1])
+                    np.multiply(rec.torque_nm[piece, j], root[piece, j], out=more[:, -1])
+                    yield j, block, weight, more
 
 
 def triangle(A: Array) -> Array:

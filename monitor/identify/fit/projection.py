@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit
+from monitor.model.friction import PAPER
 from monitor.recording import Array
 
 
@@ -20,6 +21,8 @@ def projection(problem: FitProblem, loads: Sequence[Array], found: Fit) -> Array
     recording [N·m].
     """
     layout = problem.layout
+    if found.law == PAPER:
+        return np.eye(len(layout.rigid))
     B, places = len(layout.rigid), layout.of_law(found.law)
     M = np.eye(B, len(found.solution.values))
     for j, own in enumerate(places):

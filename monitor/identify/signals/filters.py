@@ -60,14 +60,14 @@ def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], 
     pad = round(3 * rate_hz / cutoff_hz)
 
     def smooth(x: Array) -> Array:
-        rows = np.ascontiguousarray(x.reshape(len(x), -1).T)  # (…, N)
+        rows = np.ascontiguousarray(x.reshape((len(x), -1), order="F").T)  # (…, N)
         n = min(rows.shape[1] - 1, pad)
         ends = rows[:, :1], rows[:, -1:]
         extended = np.concatenate([2.0 * ends[0] - rows[:, n:0:-1], rows, 2.0 * ends[1] - rows[:, -2 : -n - 2 : -1]], axis=1)
         for _ in ("forward", "backward"):
             first = state[:, None] * extended[:, :1]  # (sections, …, 2)
             extended = sosfilt(sos, extended, axis=1, zi=first)[0][:, ::-1]
-        smoothed: Array = extended[:, n : n + rows.shape[1]].T.reshape(x.shape)
+        smoothed: Array = extended[:, n : n + rows.shape[1]].T.reshape(x.shape, order="F")
         return smoothed
 
     return smooth
