@@ -184,6 +184,23 @@ def show_errors() -> None:
         print(f"{shares[0]:9.3f} {shares[1]:9.3f}  {name}")
 
 
+def show_bounds() -> None:
+    """The stages of `identify wls` beside figaroh."""
+    from monitor.simulate.controller.controller import Controller
+    from monitor.simulate.settings import SimulateSettings
+    from monitor.simulate.stepped import stepped_replay
+    from tests.bench import bounds
+
+    robot, mounting = load_robot("ur5"), Mounting()
+    recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), find_excitation("ur5-ground", Path()))
+    try:
+        other = Figaroh(robot.pinocchio_model(mounting)).fit
+    except ImportError:
+        print("figaroh is not installed: ratios to it are left out (pip install figaroh)")
+        other = None
+    bounds.show(recording, robot, mounting, other)
+
+
 def run() -> dict[str, list[float]]:
     """Milliseconds of processor time of each round; the cases take turns."""
     taken: dict[str, list[float]] = {}
@@ -212,6 +229,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument("--save", type=Path, metavar="FILE", help="keep the figures as JSON")
     parser.add_argument("--errors", action="store_true", help="only how well torque is predicted, beside figaroh")
+    parser.add_argument("--bounds", action="store_true", help="only what identify wls is made of, and below what it cannot fall")
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("A", "B"), help="two saved runs: the ratio of their medians")
     arguments = parser.parse_args()
     if arguments.compare:
@@ -222,6 +240,9 @@ def main() -> None:
         return
     if arguments.errors:
         show_errors()
+        return
+    if arguments.bounds:
+        show_bounds()
         return
     taken = run()
     show(taken)

@@ -1,0 +1,114 @@
+"""What the time of an identification is made of, and below what it cannot fall with the operations that it is made of.
+
+Processor time, stages in turns. A stage is measured by itself, on what the stages before it made. The bound of the regressor is its last
+step alone, three products for each of its numbers; the bound of least squares is one pass of each operation that no arrangement avoids.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy
+
+from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
+from monitor.identify.fit.causes import Causes
+from monitor.identify.fit.covariance import covariances
+from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
+from monitor.identify.fit.fit import first_fit
+from monitor.identify.gain_check import gain_warnings
+from monitor.identify.identification import IdentifySettings
+from monitor.identify.identify import identify
+from monitor.identify.mounting import mounting_check
+from monitor.identify.signals.filters import low_pass
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.ripple import gear_ripple
+from monitor.identify.signals.torque import joint_torque
+from monitor.model.base import base_parameters
+from monitor.model.regressor import felt_columns, felt_regressor
+from monitor.model.robot import Mounting, Robot
+from monitor.recording import Recording
+
+ROUNDS = 25
+
+
+def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, Callable[[], object]]:
+    """What is timed, by name. The stages are those of `identify wls`."""
+    moved, base, settings = motion(recording), base_parameters(robot, mounting), IdentifySettings()
+    torque, felt = joint_torque(moved, robot), felt_columns(base.columns, robot.joints)
+
+    def problem() -> FitProblem:
+        rows = equations_of(
+            moved, torque, robot, mounting, base, all_rows=False, moving_rad_s=settings.moving_rad_s, block_s=settings.block_s
+        )
+        nominal = base.combination @ robot.nominal_parameters()
+        return FitProblem(equations=[rows], layout=layout_of(base.columns, robot.joints), prior=nominal)
+
+    equations = problem()
+    fitted = first_fit(equations, "wls")
+    causes = Causes(equations, fitted, equations.redundancy)
+    friction = fitted.solution.values[equations.layout.friction] @ [1.0, REFERENCE_RAD_S]
+
+    def told() -> object:
+        nominal, none = equations.prior, np.zeros(robot.joints)
+        warnings = diagnose(equations, fitted, causes, robot, nominal=nominal, friction_nm=friction, relative_rms=none)
+        return [*warnings, *gain_warnings(equations, fitted, causes, robot, mounting, base)]
+
+    N, sizes = moved.samples, [len(own) for own in felt.places]
+    memory = np.empty(N * sum(sizes))
+    blocks = [np.asfortranarray(np.column_stack([block, moved.qd[:, 0]])) for block in equations.equations[0].Y.at(slice(0, N))]
+    signals, smooth = np.concatenate([moved.q, moved.qd, torque, moved.direction], axis=1), low_pass(moved.rate_hz, 2, 8.0)
+    angle = np.ascontiguousarray(moved.q.T)
+    links = [np.random.default_rng(0).normal(size=(3, max(i + 1, len(kinds)), N)) for i, kinds in enumerate(felt.kinds)]
+    products = [np.empty((i + 1, len(kinds), N)) for i, kinds in enumerate(felt.kinds)]
+
+    def last_step() -> None:
+        for i, (vectors, into) in enumerate(zip(links, products, strict=True)):
+            np.einsum("cin,ckn->ikn", vectors[:, : i + 1], vectors[:, : into.shape[1]], out=into)
+
+    return {
+        "touching what the joints feel of the base columns": lambda: memory.fill(0.0),
+        "the last step of computing them alone": last_step,
+        "computing them": lambda: felt_regressor(robot, mounting, felt, moved.q, moved.qd, moved.qdd, moved.direction),
+        "bound: sines and cosines": lambda: (np.sin(angle), np.cos(angle)),
+        "bound: one QR of each joint's rows": lambda: [scipy.linalg.lapack.dgeqrt(8, block) for block in blocks],
+        "bound: one pass of the filter": lambda: smooth(signals),
+        "stage: signals, from the recording": lambda: motion(recording),
+        "stage: is the mounting right?": lambda: mounting_check([moved], [torque], robot, mounting),
+        "stage: rows": problem,
+        "stage: least squares": lambda: first_fit(equations, "wls"),
+        "stage: causes beside the law": lambda: Causes(equations, fitted, equations.redundancy),
+        "stage: covariances of correlated residuals": lambda: covariances(equations, fitted, fitted.solution, causes),
+        "stage: causes of a poor fit, gains": told,
+        "stage: gear ripple": lambda: gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz),
+        "identify wls": lambda: identify([recording], robot, mounting),
+    }
+
+
+def show(recording: Recording, robot: Robot, mounting: Mounting, other: Callable[[Any, Any], object] | None) -> None:
+    """Print medians, and their ratio to `other`, which fits a motion and its torque by plain least squares; None where it is not there."""
+    todo = cases(recording, robot, mounting)
+    if other is not None:
+        moved = motion(recording)
+        torque = joint_torque(moved, robot)
+        todo["figaroh"] = lambda: other(moved, torque)
+    taken: dict[str, list[float]] = {name: [] for name in todo}
+    for case in todo.values():
+        case()
+    for _ in range(ROUNDS):
+        for name, case in todo.items():
+            began = time.process_time()
+            case()
+            taken[name].append(1000 * (time.process_time() - began))
+    medians = {name: statistics.median(times) for name, times in taken.items()}
+    touching, whole = next(iter(medians.values())), medians.get("figaroh", float("nan"))
+    print(f"{'min':>9} {'median':>9}  × touching  × figaroh  what   [ms, {ROUNDS} rounds]")
+    for name, median in medians.items():
+        print(f"{min(taken[name]):9.2f} {median:9.2f}  {median / touching:10.1f}  {median / whole:9.3f}  {name}")
+    print(f"{medians['computing them'] / touching:.1f} × touching for the regressor, of which its last step alone is", end=" ")
+    print(f"{medians['the last step of computing them alone'] / touching:.1f} ×")
+    for kind, text in (("bound: ", "one pass of each operation that no least squares avoids"), ("stage: ", "the stages above")):
+        total = sum(median for name, median in medians.items() if name.startswith(kind))
+        total += medians["the last step of computing them alone"] if kind == "bound: " else 0.0
+        print(f"{total:.1f} ms, {total / whole:.3f} of figaroh: {text}")
