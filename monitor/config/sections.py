@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import re
+from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
@@ -84,6 +85,7 @@ def _default(field: "dataclasses.Field[Any]") -> Any:
     return ... if field.default is dataclasses.MISSING else field.default
 
 
+@cache  # a model costs some milliseconds to make, and a configuration is checked again at each reload
 def _schema(cls: type) -> type[BaseModel]:
     """The pydantic model of a room's dataclass: the same fields, no others, no NaN."""
     hints = get_type_hints(cls, include_extras=True)
@@ -100,9 +102,15 @@ def _schema(cls: type) -> type[BaseModel]:
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
 
 
+@cache
+def _hints(cls: type) -> dict[str, Any]:
+    """The types of a settings class, bounds left out."""
+    return get_type_hints(cls)
+
+
 def _made(cls: type, checked: BaseModel) -> Any:
     values = {}
-    for name, hint in get_type_hints(cls).items():
+    for name, hint in _hints(cls).items():
         if name not in type(checked).model_fields:
             continue
         value = getattr(checked, name)
@@ -116,7 +124,7 @@ def _keys(cls: type, place: tuple[int | str, ...]) -> list[str]:
     """The keys that a table may have, `place` levels down."""
     for step in place:
         if not isinstance(step, int):  # the number of a table in a list
-            hint = get_type_hints(cls)[step]
+            hint = _hints(cls)[step]
             cls = _table_of(hint) or hint
     return [field.name for field in dataclasses.fields(cls)]
 

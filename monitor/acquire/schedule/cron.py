@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
-from functools import cache
+from functools import cache, lru_cache
 from typing import Protocol
 from zoneinfo import ZoneInfo
 
@@ -60,16 +60,25 @@ def cron_times(expression: str, zone: ZoneInfo, from_unix_s: float, to_unix_s: f
 
     An hour that comes twice in autumn counts the first time; an hour that spring leaves out is taken an hour later, as cron does.
     """
-    trigger = cron_trigger(expression)
-    if trigger is None:
+    if cron_trigger(expression) is None:
         return
     # the trigger runs over the wall clock's readings as if they were UTC, where every one of them exists exactly once
-    reading = (datetime.fromtimestamp(from_unix_s, tz=zone) - LONGEST_SHIFT).replace(tzinfo=UTC)
+    begin = (datetime.fromtimestamp(from_unix_s, tz=zone) - LONGEST_SHIFT).replace(tzinfo=UTC)
     end = (datetime.fromtimestamp(to_unix_s, tz=zone) + LONGEST_SHIFT).replace(tzinfo=UTC)
     seen: set[float] = set()
-    while (at := trigger.get_next_fire_time(None, reading)) is not None and at <= end:
+    reading = begin.replace(hour=0, minute=0, second=0, microsecond=0)  # every question of a day then asks for the same times
+    while (at := _next_time(expression, reading)) is not None and at <= end:
+        reading = at + timedelta(microseconds=1)
+        if at < begin:
+            continue
         key = unix_s(at.replace(tzinfo=None), zone)
         if from_unix_s <= key <= to_unix_s and key not in seen:
             seen.add(key)
             yield key
-        reading = at + timedelta(microseconds=1)
+
+
+@lru_cache(maxsize=8192)  # the schedule is asked for the next days again and again, and each time costs a tenth of a millisecond
+def _next_time(expression: str, reading: datetime) -> datetime | None:
+    """The first time of five cron fields at or after a reading; None where there is none."""
+    trigger = cron_trigger(expression)
+    return None if trigger is None else trigger.get_next_fire_time(None, reading)
