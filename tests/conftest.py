@@ -111,7 +111,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def _rank(item: pytest.Item) -> tuple[int, int, str]:
-    """Where a test stands in the order: in real time, waiting, with a module's fixture, other; within these, by folders of long tests.
+    """Where a test stands in the order: in real time, waiting, of a group, other; within these, by folders of long tests.
 
     The module's name comes last, so that the order is the same in workers that read the folders in another one.
     """
@@ -122,7 +122,8 @@ def _rank(item: pytest.Item) -> tuple[int, int, str]:
         return 1, next(rank for rank, prefix in enumerate(WAITING) if place.startswith(prefix)), place
     order = (*LONG, *MOSTLY_WAITING)
     within = next((rank for rank, prefix in enumerate(order) if place.startswith(prefix)), len(order))
-    return (2 if _has_module_fixture(item) and not place.startswith(MOSTLY_WAITING) else 3), within, place
+    together = _has_module_fixture(item) or item.get_closest_marker("xdist_group") is not None
+    return (2 if together and not place.startswith(MOSTLY_WAITING) else 3), within, place
 
 
 def _place(item: pytest.Item) -> str:

@@ -3,7 +3,8 @@
 F(v, T) = fc + fv·e^(−k(T−25)) v, both times the wear; the noise of successive replays may be autocorrelated.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,9 @@ from monitor.assess import AssessSettings, judge_identification
 from monitor.identify.identification import Identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
+from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.learn import begin
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.model.base import base_parameters
@@ -98,6 +101,29 @@ def identification(fc: np.ndarray, fv: np.ndarray, cov: np.ndarray, temperature_
 def fresh(settings: DriftSettings | None = None, temperature_c: float = 30.0) -> Belief:
     """The belief of a UR5 before its first replay."""
     return begin("ur5", CONTEXT, Arm().replay(temperature_c), START_S, settings=settings or DriftSettings(), laws=TemperatureSettings())
+
+
+def lived_together(lives: Sequence[Sequence[Identification]]) -> list[DriftState]:
+    """The state of several arms after each day, one replay a day: by the daemon's own filter step, and in one arm's time.
+
+    lives : the replays of each arm, all of as many days.
+    """
+    drift, laws = DriftSettings(), TemperatureSettings()
+    states: list[DriftState] = []
+    for day, together in enumerate(zip(*lives, strict=True)):
+        seen = Observation(*map(np.concatenate, zip(*(observe(replay, drift) for replay in together), strict=True)))
+        state = states[-1] if states else initial_state(seen, 6, drift, laws)
+        states.append(step(state, Replay(observation=seen, days=np.full(len(lives), float(day > 0))), drift, laws).state)
+    return states
+
+
+def of_arm(value, k, joints=6):
+    """The part of one arm in a state of many."""
+    if isinstance(value, np.ndarray):
+        return value[joints * k : joints * (k + 1)]
+    if is_dataclass(value):
+        return replace(value, **{field.name: of_arm(getattr(value, field.name), k, joints) for field in fields(value)})
+    return value
 
 
 class History:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, weather
+from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, lived_together, weather
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
@@ -37,10 +37,10 @@ def a_year(seed: int, *, days: int = 150, wear: dict[int, np.ndarray] | None = N
 def test_outliers_do_not_raise_the_estimated_noise():
     """Joint 3 is 35 % off every 15 days: its estimated noise is that of the same days without outliers, within 8 %."""
     wild = {day: np.array([0, 0, 0.35, 0, 0, 0]) for day in range(30, 150, 15)}
-    calm, shaken = lived(a_year(3))[-1], lived(a_year(3, wear=wild))
-    assert sum(belief.event[2] == OUTLIER for belief in shaken) == len(wild)
-    ratio = shaken[-1].noise_std(DRIFT)[2] / calm.noise_std(DRIFT)[2]
-    assert ratio == pytest.approx(1.0, abs=0.08)
+    days = [state.filter_state for state in lived_together([a_year(3), a_year(3, wear=wild)])]
+    assert sum(joints.event[6 + 2] == OUTLIER for joints in days) == len(wild)
+    calm, shaken = np.sqrt(days[-1].noise_var(6, DRIFT)).reshape(2, 6)
+    assert shaken[2] / calm[2] == pytest.approx(1.0, abs=0.08)
 
 
 def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
@@ -48,21 +48,20 @@ def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
     seen = a_year(4)
     arm = Arm(seed=40, autocorrelation=0.0)
     dark = [replace(arm.replay(16.0), temperature_c=None) if day > 20 and day % 10 == 0 else one for day, one in enumerate(seen)]
-    calm, blind = lived(seen)[-1], lived(dark)[-1]
-    assert np.allclose(blind.noise_std(DRIFT) / calm.noise_std(DRIFT), 1.0, atol=0.08)
+    calm, blind = np.sqrt(lived_together([seen, dark])[-1].filter_state.noise_var(6, DRIFT)).reshape(2, 6)
+    assert np.allclose(blind / calm, 1.0, atol=0.08)
 
 
 def test_a_step_among_the_first_replays_belongs_to_the_baseline():
     """+7 % from the third replay on. As wear, its uncertainty would stay at 4 %, and later wear would not be detected."""
     settled = {day: np.full(6, 0.07) * (np.arange(6) == 1) for day in range(2, 150)}
     later = {day: wear if day < 90 else wear + 0.05 * 1.07 * (np.arange(6) == 1) for day, wear in settled.items()}
-    for seed in range(3):
-        beliefs = lived(a_year(seed, wear=later))
-        before, after = beliefs[85], beliefs[-1]
-        assert before.wear[1] == pytest.approx(0.0, abs=0.015), seed
-        assert before.wear_std[1] < 0.01, seed
-        assert after.wear[1] == pytest.approx(np.log(1.05), abs=0.025), seed
-        assert after.wear_std[1] < 0.015, seed
+    states = lived_together([a_year(seed, wear=later) for seed in range(3)])
+    before, after = states[85].filter_state, states[-1].filter_state
+    assert before.wear[1::6] == pytest.approx(0.0, abs=0.015)
+    assert np.all(before.wear_std[1::6] < 0.01)
+    assert after.wear[1::6] == pytest.approx(np.log(1.05), abs=0.025)
+    assert np.all(after.wear_std[1::6] < 0.015)
 
 
 @pytest.mark.parametrize("first", range(DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 3))

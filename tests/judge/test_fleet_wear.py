@@ -2,10 +2,11 @@
 
 import functools
 import json
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from synthetic_arm import of_arm
 from test_wear_paths import DRIFT, LIFE, PROGNOSIS, worn_fleet
 
 from monitor.assess import AssessSettings
@@ -27,6 +28,8 @@ from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.remaining_life import answers_of, wear_along
 
+pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
+
 J, ARMS, ASKED = 4, 10, 4
 DAYS = 260.0  # that the fleet has lived
 
@@ -36,15 +39,6 @@ def fleet() -> list:
     """The filter states of arms whose second joint has worn to six tenths of the limit along a straight path."""
     state, _ = worn_fleet("straight", ARMS, 0.6)
     return [of_arm(state.filter_state, k, J) for k in range(ARMS)]
-
-
-def of_arm(value, k, joints):
-    """The part of one arm in a state of many."""
-    if isinstance(value, np.ndarray):
-        return value[joints * k : joints * (k + 1)]
-    if is_dataclass(value):
-        return replace(value, **{field.name: of_arm(getattr(value, field.name), k, joints) for field in fields(value)})
-    return value
 
 
 @functools.cache

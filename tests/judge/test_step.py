@@ -18,6 +18,8 @@ from monitor.judge.drift.update import filter_update
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
 
+pytestmark = pytest.mark.xdist_group("undamaged step")  # one worker judges without a damage once
+
 ASSESS = AssessSettings()
 DAYS, JUMP_DAY = 26, 14
 DAMAGES = {}  # stage → (module in which it is looked up, its name, the damaged stage)

@@ -30,6 +30,8 @@ from monitor.judge.drift.wear_history import (
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
 
+pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
+
 DRIFT, TEMPERATURE, PROGNOSIS = DriftSettings(), TemperatureSettings(), PrognosisSettings()
 ONSET, LIFE = 80.0, 300.0  # days
 PATHS = {"straight": lambda x: x, "accelerating": lambda x: np.expm1(3.0 * x) / np.expm1(3.0), "slowing": np.sqrt}

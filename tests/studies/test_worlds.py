@@ -22,6 +22,8 @@ from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import Episodes, judge_world, play_world, world_document, world_line
 from monitor.studies.rehearsal.worlds.wear import exponential, power, straight
 
+pytestmark = pytest.mark.xdist_group("worlds")  # one worker judges each world once
+
 SHAPE = (1000, 20, 6)
 ASSESS = AssessSettings()
 
