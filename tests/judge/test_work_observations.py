@@ -10,7 +10,7 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift.from_work import begin_work, swapped
+from monitor.judge.drift.from_work import begin_work, correlated_over, observed, swapped
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.suspicion import DOUBT_REPLAYS, doubted_rise
 from monitor.judge.learn_work import WorkAssessment, assess_work
@@ -148,6 +148,44 @@ def test_noise_of_work_is_learnt_from_work_and_that_of_replays_from_replays(plan
     again = Plant().history.last.belief.filter_state
     assert np.array_equal(state.step_var, again.step_var)
     assert np.array_equal(state.product, again.product)
+
+
+def test_noise_that_was_correlated_over_a_day_is_hardly_so_over_a_week(plant):
+    """Replays were daily with ρ = 0.6, and are weekly from now on: over a week ρ⁷ is left, of noise that is as large as before."""
+    state = plant.history.last.belief.filter_state
+    var = np.full(6, 0.02**2)
+    state = replace(
+        state,
+        step_var=0.4 * var,
+        product=0.6 * var,
+        sources=replace(state.sources, interval_days=np.ones(6), number=np.full(6, 60.0)),
+    )
+    everyone = np.ones(6, dtype=bool)
+    for _ in range(80):
+        state = replace(state, sources=replace(state.sources, since_days=np.full(6, 7.0)))
+        state = observed(state, everyone, everyone)
+    assert state.sources.interval_days == pytest.approx(7.0, rel=0.01)
+    assert state.product / (state.product + state.step_var) == pytest.approx(0.6**7, rel=0.05)
+    assert state.product + state.step_var == pytest.approx(var)
+
+
+def test_the_first_observations_of_a_source_set_its_interval_and_leave_the_prior_correlation(plant):
+    state = plant.history.last.belief.filter_state
+    state = replace(state, sources=replace(state.sources, interval_days=np.ones(6), number=np.zeros(6), since_days=np.full(6, 7.0)))
+    everyone = np.ones(6, dtype=bool)
+    after = observed(state, everyone, everyone)
+    assert after.sources.interval_days == pytest.approx(7.0)
+    assert after.product == pytest.approx(state.product)
+    assert after.step_var == pytest.approx(state.step_var)
+
+
+def test_noise_that_alternates_keeps_its_correlation_when_the_interval_changes(plant):
+    """A negative correlation is none of noise that fades with time."""
+    state = plant.history.last.belief.filter_state
+    state = replace(state, step_var=np.full(6, 5e-4), product=np.full(6, -1e-4))
+    after = correlated_over(state, np.full(6, 7.0))
+    assert after.product == pytest.approx(state.product)
+    assert after.step_var == pytest.approx(state.step_var)
 
 
 def test_the_other_source_twice_is_the_state_itself(plant):

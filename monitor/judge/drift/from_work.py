@@ -33,6 +33,7 @@ from monitor.judge.drift.update.innovation import innovate
 from monitor.judge.temperature.laws import inside_range
 from monitor.recording import Array
 
+NOISE_LEARNT = 12.0  # [observations] of a source, before which the correlation of its noise is a prior one, of successive observations
 DOUBTED = 0.5  # share of the wear found by work alone that is its standard deviation, once a replay speaks against it
 
 
@@ -125,14 +126,32 @@ def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray) -> Filter
     days = s.since_days
     usual = here & (days > 0) & (days < HOLIDAY * s.interval_days)
     step = np.log(np.where(usual, days, s.interval_days) / s.interval_days) / (np.minimum(s.number, 10.0) + 1.0)
+    longer = np.where(s.number >= NOISE_LEARNT, np.exp(step), 1.0)
     return replace(
-        state,
+        correlated_over(state, longer),
         sources=replace(
             s,
             interval_days=s.interval_days * np.exp(step),
             since_days=np.where(here, 0.0, days),
             number=s.number + (here & learnt),
         ),
+    )
+
+
+def correlated_over(state: FilterState, longer: Array) -> FilterState:
+    """The state whose usual interval between observations of the source in force became `longer` (N,) times as long.
+
+    The correlation that was learnt belongs to the interval: noise fades with time, so over a week it is ρ⁷ where it was ρ over a day. Its
+    size stays. With γ₁ = σ²(1 − ρ) and c₁ = σ²·ρ, see `FilterState.autocorrelation`.
+    """
+    var = state.step_var + state.product
+    rho = np.where(var > 0, state.product / np.where(var > 0, var, 1.0), 0.0)
+    known = (rho > 0) & (rho < 1)
+    over = np.where(known, rho, 0.5) ** longer
+    return replace(
+        state,
+        step_var=np.where(known, var * (1.0 - over), state.step_var),
+        product=np.where(known, var * over, state.product),
     )
 
 
