@@ -19,39 +19,24 @@ settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy 
 settings.load_profile("ours")
 
 
-# What moves an arm in real time, or waits for a few milliseconds of the clock: one test after the other on one worker, the longest first.
-# A new such module joins by its name here (`test_house.py` asks for it). Together they take as long as the whole suite does: before one is
+# What moves an arm in real time, or waits for a few milliseconds of the clock: two chains, each one test after the other on one worker, the
+# longest first. Two arms stand beside each other on two processors where both may go before all other work (`real_time`); elsewhere, and
+# in the soak, both chains are one. A new such module joins the shorter chain by its name here (`test_house.py` asks for it). Before one is
 # added, see `--durations=20` of it, and let it share an arm, a short trajectory (`excitations.short`) and a place near its start.
-REAL_TIME = (
+ONE_ARM = (
     "studies/test_demo.py",
-    *(
-        f"acquire/test_{name}.py"
-        for name in (
-            "arms_as_recorded",
-            "borrowed_arm",
-            "child",
-            "cuts",
-            "driver",
-            "fault_matrix",
-            "happenings",
-            "idle_faults",
-            "joint_limits",
-            "kills",
-            "last_resorts",
-            "live_collision",
-            "many_replays",
-            "polyscope_x",
-            "refusals",
-            "replay",
-            "stop_ours",
-            "way_back",
-        )
-    ),
-    "simulate/test_sim_following.py",  # an arm that follows a stream: its client and its controller may sleep 60 ms at most
     "cli/test_commands_motion.py",
+    *(f"acquire/test_{name}.py" for name in ("replay", "kills", "live_collision", "many_replays", "polyscope_x", "refusals")),
+    *(f"acquire/test_{name}.py" for name in ("child", "driver")),
+)
+ANOTHER_ARM = (
+    *(f"acquire/test_{name}.py" for name in ("borrowed_arm", "cuts", "way_back", "fault_matrix", "arms_as_recorded")),
     "service/test_borrowing_daemon.py",
     "service/test_daemon.py",
+    "simulate/test_sim_following.py",  # an arm that follows a stream: its client and its controller may sleep 60 ms at most
+    *(f"acquire/test_{name}.py" for name in ("happenings", "idle_faults", "joint_limits", "last_resorts", "stop_ours")),
 )
+REAL_TIME = (*ONE_ARM, *ANOTHER_ARM)
 # Modules that mostly wait, for a clock, a client, systemd: one test after the other on a worker of their own, which leaves most of its core
 # to the others. Wall clock is over twice their processor time: see before one is added.
 WAITING = (
@@ -90,16 +75,19 @@ def pytest_unconfigure() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """An arm in real time, its monitor and the child between them are all that one of two cores carries: one such test at a time.
+    """An arm in real time, its monitor and the child between them are all that one of two cores carries: two such tests at a time, or one.
 
     These tests take longest, so they begin first; then come those that wait, modules that stay together, folders of long tests.
     A replay gives up when its targets come late, as it must, and on a machine with other work they do: such a test may try again,
     and says that it did. Evidence (`soak`) may not: what it counts, it counts.
     """
     items.sort(key=_rank)
+    two_arms = real_time.permitted() and len(os.sched_getaffinity(0)) > 1
     for item in items:
         place = _place(item)
-        if place.startswith(REAL_TIME):
+        if place.startswith(ANOTHER_ARM) and two_arms and item.get_closest_marker("soak") is None:
+            item.add_marker(pytest.mark.xdist_group("another arm"))
+        elif place.startswith(REAL_TIME):
             item.add_marker(pytest.mark.xdist_group("real time"))
         elif place.startswith(WAITING):
             item.add_marker(pytest.mark.xdist_group("waiting"))

@@ -131,6 +131,7 @@ def test_every_room_has_a_docstring():
 def test_every_module_that_the_suite_puts_in_a_group_exists(request):
     """A name that was left behind when a module was moved would put it beside the arm in real time."""
     suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    assert set(suite.ONE_ARM).isdisjoint(suite.ANOTHER_ARM)
     assert set(suite.REAL_TIME).isdisjoint(suite.WAITING)
     assert [place for place in (*suite.REAL_TIME, *suite.WAITING) if not (ROOT / "tests" / place).is_file()] == []
 
@@ -144,20 +145,20 @@ def test_no_test_imports_a_conftest():
 def test_no_two_tests_listen_at_one_address_at_a_time(request):
     """A module that names loopback addresses of its own runs on one worker; an address of two modules has both in one chain."""
     suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
-    owners = {}
+    owners, chains = {}, {"one arm": suite.ONE_ARM, "another arm": suite.ANOTHER_ARM, "waiting": suite.WAITING}
     for module in sorted((ROOT / "tests").rglob("test_*.py")):
         place = module.relative_to(ROOT / "tests").as_posix()
-        chain = next((name for name, listed in {"real time": suite.REAL_TIME, "waiting": suite.WAITING}.items() if place in listed), place)
+        chain = next((name for name, listed in chains.items() if place in listed), place)
         for address in suite.addresses(module):
             owners.setdefault(address, set()).add(chain)
-    assert {address: chains for address, chains in owners.items() if len(chains) > 1} == {}
+    assert {address: several for address, several in owners.items() if len(several) > 1} == {}
     assert "acquire/test_robot_api.py" in set().union(*owners.values())
     groups = {item.path: item.get_closest_marker("xdist_group") for item in request.session.items if suite.addresses(item.path)}
     assert [path for path, group in groups.items() if group is None] == []
 
 
-def test_whatever_moves_an_arm_in_real_time_is_in_one_group(request):
-    """Beside each other they would disturb each other: a module that starts an arm and replays on it is in the list of the suite."""
+def test_whatever_moves_an_arm_in_real_time_is_in_a_chain_of_arms(request):
+    """Many beside each other would be late: a module that starts an arm and replays on it is in one of two lists of the suite."""
     listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME
     starts = re.compile(r"\bsimulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
     replays = re.compile(r"monitor\.acquire\.replay import|replaying\(|\"replay\"|\"--now\"")
