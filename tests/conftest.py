@@ -10,6 +10,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
 
+import prepared
 import pytest
 import real_time
 from hypothesis import settings
@@ -17,6 +18,7 @@ from hypothesis import settings
 ROOT = Path(__file__).parent.parent
 settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy cores: no time limits; the same examples everywhere
 settings.load_profile("ours")
+prepared.prepare_streams()
 
 
 # What moves an arm in real time, or waits for a few milliseconds of the clock: two chains, each one test after the other on one worker, the
@@ -30,7 +32,7 @@ ONE_ARM = (
     *(f"acquire/test_{name}.py" for name in ("child", "driver")),
 )
 ANOTHER_ARM = (
-    *(f"acquire/test_{name}.py" for name in ("borrowed_arm", "cuts", "way_back", "fault_matrix", "arms_as_recorded")),
+    *(f"acquire/test_{name}.py" for name in ("borrowed_arm", "way_back", "cuts", "fault_matrix", "arms_as_recorded")),
     "service/test_borrowing_daemon.py",
     "service/test_daemon.py",
     "simulate/test_sim_following.py",  # an arm that follows a stream: its client and its controller may sleep 60 ms at most

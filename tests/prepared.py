@@ -1,8 +1,9 @@
 """Processes that begin at once: each is forked from one that has done the imports of our program, or of the simulator, already.
 
-The suite starts these two dozens of times, and the imports are most of what a start costs: 0.4 s of processor time for a simulated arm, 1 s
-for the daemon. What runs is the same code in a process of its own, a child of the test's process: it can be killed, waited for and
-measured like any other. `python -m monitor` itself is started by the tests that say so, and by everything outside of the tests.
+The suite starts these dozens of times, and the imports are most of what a start costs: 0.4 s of processor time for a simulated arm and for
+the process that streams targets, 1 s for the daemon. What runs is the same code in a process of its own, a child of the test's process: it
+can be killed, waited for and measured like any other. `python -m monitor` itself is started by the tests that say so, and by everything
+outside of the tests; a daemon or a command in a process of its own starts its streaming process as it does everywhere.
 """
 
 import atexit
@@ -15,17 +16,26 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import real_time
 
+from monitor.acquire.ur import process
+
 ROOT = Path(__file__).parent.parent
 SERVER = ROOT / "tests" / "prepared_start.py"
 PR_SET_CHILD_SUBREAPER = 36  # option of prctl(2): orphans become children of this process
-IMPORTS = {"simulate": ("monitor.simulate.arguments", "monitor.simulate.server"), "monitor": ("monitor.cli.main", "monitor.service.run")}
+IMPORTS = {
+    "simulate": ("monitor.simulate.arguments", "monitor.simulate.server"),
+    "monitor": ("monitor.cli.main", "monitor.service.run"),
+    # what the module imports, and not itself: it is run as a program
+    "stream": ("monitor.acquire.ur.streaming.borrow", "monitor.acquire.ur.streaming.watchdog", "monitor.acquire.ur.job"),
+}
+KINDS = {"monitor.simulate": "simulate", real_time.STREAMS: "stream"}  # by the module that is run; else "monitor"
 # what a prepared process cannot do otherwise
-PLAIN = {"pass_fds": (), "preexec_fn": None, "executable": None, "close_fds": True, "shell": False, "restore_signals": True, "umask": -1}
-PLAIN |= {"start_new_session": False, "process_group": -1, "uid": None, "gid": None, "gids": None}
+PLAIN = {"preexec_fn": None, "executable": None, "close_fds": True, "shell": False, "restore_signals": True, "umask": -1}
+PLAIN |= {"process_group": -1, "uid": None, "gid": None, "gids": None}
 _adopting = threading.Lock()  # one start at a time, of whatever kind: whether orphans are adopted is a state of this whole process
 
 
@@ -64,6 +74,11 @@ class _Preparation:
         os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)  # raises where it is no child: its end would be told as 0
         return pid
 
+    @property
+    def pid(self) -> int:
+        """The id of the process that forks."""
+        return self._process.pid
+
     def _end(self) -> None:
         self._wire.close()
         self._process.wait()
@@ -78,6 +93,11 @@ def _preparation(kind: str) -> _Preparation:
         if kind not in _prepared:
             _prepared[kind] = _Preparation(kind)
         return _prepared[kind]
+
+
+def waiting() -> set[int]:
+    """The ids of the processes that only wait to be forked: children of this process too."""
+    return {preparation.pid for preparation in _prepared.values()}
 
 
 class Process(subprocess.Popen):
@@ -99,8 +119,11 @@ class Process(subprocess.Popen):
             "niceness": os.nice(0),
             "policy": os.sched_getscheduler(0),
             "real_time": real_time.wanted,
+            "session": how["start_new_session"],
+            "descriptors": [int(number) for number in how["pass_fds"]],
         }
-        self.pid = _preparation("simulate" if command[1:3] == ["-m", "monitor.simulate"] else "monitor").start(request, streams)
+        kind = KINDS.get(command[2], "monitor") if command[1] == "-m" else "monitor"
+        self.pid = _preparation(kind).start(request, [*streams, *request["descriptors"]])
         self._child_created = True
         self._close_pipe_fds(*pipes)
 
@@ -114,3 +137,12 @@ def run(command: list[str], timeout_s: float, cwd: Path | None = None) -> "subpr
             process.kill()
             raise
     return subprocess.CompletedProcess(command, process.returncode, output, errors)
+
+
+def prepare_streams() -> None:
+    """From now on, what streams targets for this process is started like a `Process`; its other children as everywhere."""
+
+    def start(command: list[str], **how: Any) -> "subprocess.Popen[bytes]":
+        return (Process if command[2] == real_time.STREAMS else subprocess.Popen)(command, **how)
+
+    process.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": start})  # type: ignore[assignment]

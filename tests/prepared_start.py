@@ -4,6 +4,7 @@ The forked process is forked twice, and the one between them ends: so the new pr
 asked the kernel for that, and which waits for it like for any other child.
 """
 
+import fcntl
 import gc
 import importlib
 import json
@@ -17,6 +18,9 @@ from typing import Any
 
 import real_time
 
+DESCRIPTORS_MAX = 8  # of one request: the standard streams, and what else the process gets
+PRIORITIES = {"monitor.simulate": real_time.ARM, real_time.STREAMS: real_time.STREAM}  # by the module that is run
+
 
 def main() -> None:
     """Fork for each request until the other side ends; only forked processes return from `requests`."""
@@ -27,7 +31,6 @@ def main() -> None:
     gc.freeze()
     wire.sendall(b"\n")
     request = requests(wire)
-    wire.close()
     if request is not None:
         become(request)
 
@@ -35,7 +38,7 @@ def main() -> None:
 def requests(wire: socket.socket) -> dict[str, Any] | None:
     """In the process that forks: None at the end. In a forked one: its request, with its standard streams in place."""
     while True:
-        head, streams, _, _ = socket.recv_fds(wire, 4, 3)
+        head, streams, _, _ = socket.recv_fds(wire, 4, DESCRIPTORS_MAX)
         if not head:
             return None
         request: dict[str, Any] = json.loads(wire.recv(int.from_bytes(head, "big"), socket.MSG_WAITALL))
@@ -50,10 +53,8 @@ def requests(wire: socket.socket) -> dict[str, Any] | None:
                 os._exit(0)
             for fd in (reading, writing):
                 os.close(fd)
-            for number, stream in enumerate(streams):
-                os.dup2(stream, number)
-            for stream in streams:
-                os.close(stream)
+            wire.close()  # before its number is taken for another
+            put(streams, [0, 1, 2, *request["descriptors"]])
             while os.getppid() == parent:
                 time.sleep(0.0005)
             return request
@@ -63,6 +64,17 @@ def requests(wire: socket.socket) -> dict[str, Any] | None:
             os.close(fd)
 
 
+def put(streams: list[int], numbers: list[int]) -> None:
+    """Give each open file the number that it has in the process that asked; nothing else stays open."""
+    above = max(*streams, *numbers) + 1
+    apart = [fcntl.fcntl(stream, fcntl.F_DUPFD_CLOEXEC, above) for stream in streams]  # where no number is wanted
+    for stream in streams:
+        os.close(stream)
+    for stream, number in zip(apart, numbers, strict=True):
+        os.dup2(stream, number)
+        os.close(stream)
+
+
 def become(request: dict[str, Any]) -> None:
     """Do in this process what `python` does with these arguments. Its standard streams are there: they read and write the same numbers."""
     if request["policy"] != os.sched_getscheduler(0):
@@ -70,8 +82,11 @@ def become(request: dict[str, Any]) -> None:
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
     real_time.wanted = request["real_time"]
-    if real_time.wanted and request["arguments"][:2] == ["-m", "monitor.simulate"]:
-        real_time.give(0, real_time.ARM)
+    preferred = PRIORITIES.get(request["arguments"][1])
+    if real_time.wanted and preferred is not None:
+        real_time.give(0, preferred)
+    if request["session"]:
+        os.setsid()
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])

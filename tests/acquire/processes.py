@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from prepared import Process
+from prepared import Process, waiting
 
 ROOT = Path(__file__).parent.parent.parent
 PARENT = """
@@ -34,7 +34,7 @@ def children(parent: int | None = None, naming: str = "monitor.acquire") -> list
     """Ids of the processes whose parent is this process, or the given one, and whose command line contains `naming`."""
     found = []
     for entry in Path("/proc").iterdir():
-        if not entry.name.isdigit():
+        if not entry.name.isdigit() or int(entry.name) in waiting():
             continue
         try:
             stat = (entry / "stat").read_text()

@@ -1,17 +1,24 @@
 """A child process that hangs, and a controller that does not answer or is absent: both ends of the pipes, without a robot."""
 
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 
 import pytest
 from excitations import short
+from prepared import Process
 from processes import children
 
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.child import EXIT_ORPHANED
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.model.robot import load_robot
 
@@ -118,3 +125,29 @@ def test_a_listener_gives_up_on_a_mute_controller():
         assert "no RTDE data" in (listener.problem or "")
         assert children() == []
         listener.stop()
+
+
+def test_a_prepared_streaming_process_is_what_the_program_itself_starts():
+    """Parent, session, open files, and that it ends with its lifeline: the suite's quick start changes nothing but the time it takes."""
+    seen = []
+    for start in (subprocess.Popen, Process):
+        reading, writing = os.pipe()
+        command = [sys.executable, "-m", "monitor.acquire.ur.stream"]
+        how = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "bufsize": 0}
+        with start(command, **how, pass_fds=[writing], start_new_session=True) as child:
+            os.close(writing)
+            about = Path(f"/proc/{child.pid}")
+            deadline = time.monotonic() + 30.0
+            while not int(ignored(about), 16) & (1 << (signal.SIGTERM - 1)) and time.monotonic() < deadline:  # until it has begun
+                time.sleep(0.01)
+            parent, _, session = (about / "stat").read_text().rpartition(")")[2].split()[1:4]
+            files = {int(file.name) for file in (about / "fd").iterdir()} == {0, 1, 2, writing}
+            child.stdin.close()
+            seen.append((int(parent), int(session) == child.pid, files, child.wait(10.0), child.stdout.read(), os.read(reading, 1)))
+        os.close(reading)
+    assert seen == [(os.getpid(), True, True, EXIT_ORPHANED, b"", b"")] * 2
+
+
+def ignored(about: Path) -> str:
+    """The signals that a process ignores, as a hexadecimal number."""
+    return next(line.split()[1] for line in (about / "status").read_text().splitlines() if line.startswith("SigIgn"))
