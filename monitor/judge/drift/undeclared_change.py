@@ -5,8 +5,9 @@ parameter, so a difference is not wear, and the filter learns nothing while it l
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,11 +119,13 @@ def _normalised(fit: RigidFit, estimate: MassEstimate) -> tuple[Array, Array, np
     return (fit.values - estimate.mean)[known] / std, std, known
 
 
-def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: float, mass_kg: float) -> UndeclaredChange:
+def compare_weights(
+    fit: RigidFit, estimate: MassEstimate | None, *, sigma: float, mass_kg: float, left: "Left | None" = None
+) -> UndeclaredChange:
     """What of a replay's rigid parameters contradicts those of the replays before.
 
     estimate : of the replays before in the same context; None before the first. sigma : how many standard deviations are a contradiction.
-    mass_kg : smallest mass at the flange that is called a payload.
+    mass_kg : smallest mass at the flange that is called a payload. left : `what_is_left` of both, where somebody else asks for it too.
     """
     if estimate is None or estimate.replays < MIN_REPLAYS or not np.array_equal(estimate.columns, fit.columns):
         return NO_UNDECLARED_CHANGE
@@ -131,25 +134,35 @@ def compare_weights(fit: RigidFit, estimate: MassEstimate | None, *, sigma: floa
     degrees = len(normalised)
     X = fit.of_mass[known] / std[:, None]
     load, *_ = np.linalg.lstsq(X, normalised, rcond=1e-9)  # (m, mx, my, mz) of the mass that explains most of it
-    left = normalised - X @ load
-    squares_left = float(left @ left)
+    rest = normalised - X @ load
+    squares_left = float(rest @ rest)
     explained = 1.0 - squares_left / max(squares, 1e-300)
     if squares - squares_left > sigma**2 and explained >= EXPLAINED and abs(load[0]) >= mass_kg:
         return _payload(float(load[0]))
     worst = str(np.array(fit.names)[known][int(np.argmax(np.abs(normalised)))])
     if explained < EXPLAINED and squares > degrees * sigma**2:
         return _gains(np.sqrt(squares / degrees), worst)
-    together = unexplained(fit, estimate)
-    if together.chi2 > _chi2_limit(together.degrees, sigma):
-        return _gains(np.sqrt(together.chi2 / together.degrees), worst)
+    together = (left or what_is_left(fit, estimate))()
+    chi2 = together.chi2 / max(estimate.scatter, 1.0)
+    if chi2 > _chi2_limit(together.degrees, sigma):
+        return _gains(np.sqrt(chi2 / together.degrees), worst)
     return NO_UNDECLARED_CHANGE
 
 
 class Unexplained(NamedTuple):
     """Weights that neither a mass at the flange nor a common scale explains."""
 
-    chi2: float  # with the scatter from replay to replay
+    chi2: float  # without the scatter from replay to replay
     degrees: int  # of freedom; 0 where nothing is known
+
+
+Left = Callable[[], Unexplained]
+"""What of a replay's weights is left, computed when it is asked for first: a contradiction and the estimate's scatter both need it."""
+
+
+def what_is_left(fit: RigidFit, estimate: MassEstimate) -> Left:
+    """`unexplained` of both, computed once and only if it is asked for."""
+    return cache(partial(unexplained, fit, estimate))
 
 
 @cache
@@ -186,11 +199,11 @@ def unexplained(fit: RigidFit, estimate: MassEstimate) -> Unexplained:
     moved, X = white[:, 0], white[:, 1:]
     explained, *_ = np.linalg.lstsq(X, moved, rcond=1e-9)
     left = moved - X @ explained
-    return Unexplained(float(left @ left) / noise / max(estimate.scatter, 1.0), degrees)
+    return Unexplained(float(left @ left) / noise, degrees)
 
 
-def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit) -> MassEstimate:
-    """The estimate after one more replay of the same context."""
+def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit, left: Left | None = None) -> MassEstimate:
+    """The estimate after one more replay of the same context. left : as in `compare_weights`."""
     noise = np.nan_to_num(fit.variance)
     if estimate is None or not np.array_equal(estimate.columns, fit.columns):
         return MassEstimate(columns=fit.columns, mean=fit.values, var=noise * PRIOR_STD**2, replays=1, covariance=fit.covariance)
@@ -200,7 +213,7 @@ def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit) -> MassEs
     covariance, scatter = estimate.covariance, estimate.scatter
     covariance = fit.covariance if covariance is None else covariance + (fit.covariance - covariance) / n
     if estimate.replays >= MIN_REPLAYS:
-        together = unexplained(fit, replace(estimate, scatter=1.0))
+        together = (left or what_is_left(fit, estimate))()
         if together.degrees:
             scatter += (together.chi2 / together.degrees - scatter) / (n + PRIOR_REPLAYS)
     return replace(estimate, mean=estimate.mean + moved / n, var=var, replays=estimate.replays + 1, covariance=covariance, scatter=scatter)

@@ -21,6 +21,7 @@ from monitor.judge.drift.undeclared_change import (
     mass_estimate_from_document,
     misfit,
     update_mass_estimate,
+    what_is_left,
 )
 
 LEVEL_REPLAYS = 20  # that agree with each other: an integrator who means to declare the change has done so in as many days
@@ -56,14 +57,15 @@ def weigh(weights: Weights, fit: RigidFit, at_unix_s: float, *, sigma: float, ma
 
     sigma, mass_kg : as in `compare_weights`. declared_kg : payload as declared, for the text; None where nobody declares one.
     """
-    found = compare_weights(fit, weights.declared, sigma=sigma, mass_kg=mass_kg)
+    left = None if weights.declared is None else what_is_left(fit, weights.declared)
+    found = compare_weights(fit, weights.declared, sigma=sigma, mass_kg=mass_kg, left=left)
     level = weights.level
     nearer = level is not None and (found.condition is not None or misfit(fit, level.estimate) < misfit(fit, weights.declared))
     if level is not None and nearer and _is_of(level, fit, sigma=sigma, mass_kg=mass_kg):
         level = level._replace(estimate=update_mass_estimate(level.estimate, fit))
         return Weighed(weights._replace(level=level), _standing(level, declared_kg))
     if found.condition is None:
-        return Weighed(weights._replace(declared=update_mass_estimate(weights.declared, fit)), NO_UNDECLARED_CHANGE)
+        return Weighed(weights._replace(declared=update_mass_estimate(weights.declared, fit, left)), NO_UNDECLARED_CHANGE)
     before = weights.candidate
     agree = before is not None and before.condition == found.condition and _is_of(before, fit, sigma=sigma, mass_kg=mass_kg)
     estimate = update_mass_estimate(before.estimate if agree and before is not None else None, fit)
