@@ -129,20 +129,21 @@ def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
     """A filter that knows nothing of today's friction yet, from a standing arm, with rests between the phases and at the end."""
     learnt = learnt_arm(name)
     excitation = learnt.excitation
+    arm = arm_of(excitation, normal, seed=9)
+    home, start = arm.reference.q.copy(), excitation.at(np.zeros(1)).q[0]
+    there, back = (joint_path(*ends, speed_rad_s=0.5, acceleration_rad_s2=1.5) for ends in ((home, start), (start, home)))
+    rows: list[tuple[Array, float | None]] = []
+    for position, duration_s, played in (
+        (there.at, there.duration_s, False),
+        (lambda _: start, 0.5, False),
+        (along(excitation), excitation.duration_s, True),
+        (back.at, back.duration_s, False),
+        (lambda _: home, 0.5, False),
+    ):
+        rows += [(row, phase_s if played else None) for row, phase_s in streamed(arm, position, duration_s)]
     for basis in (BandBasis(), learnt.with_profile):
-        arm = arm_of(excitation, normal, seed=9)
-        home, start = arm.reference.q.copy(), excitation.at(np.zeros(1)).q[0]
-        there, back = (joint_path(*ends, speed_rad_s=0.5, acceleration_rad_s2=1.5) for ends in ((home, start), (start, home)))
         band = learnt.band(basis)
-        for position, duration_s, played in (
-            (there.at, there.duration_s, False),
-            (lambda _: start, 0.5, False),  # noqa: B023 - used at once
-            (along(excitation), excitation.duration_s, True),
-            (back.at, back.duration_s, False),
-            (lambda _: home, 0.5, False),  # noqa: B023
-        ):
-            for row, phase_s in streamed(arm, position, duration_s):
-                assert band.outside(row, phase_s if played else None) is None, basis.description
+        assert [band.outside(*row) for row in rows] == [None] * len(rows), basis.description
         assert 0.0 < band.largest_share < 0.95
 
 
