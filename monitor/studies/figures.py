@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta, chi2, t
+import scipy  # whose statistics are loaded by their first use: they take half a second, and most studies need the constants alone
 
 from monitor.recording import Array, known_or_none
 
@@ -30,7 +30,7 @@ class Rate:
     @property
     def at_most(self) -> float:
         """Its upper bound."""
-        return float(chi2.ppf(SURE, 2 * (self.events + 1))) / 2.0 / self.robot_years
+        return float(scipy.stats.chi2.ppf(SURE, 2 * (self.events + 1))) / 2.0 / self.robot_years
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,12 +48,12 @@ class Share:
     @property
     def at_least(self) -> float:
         """Its lower bound."""
-        return float(beta.ppf(1.0 - SURE, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
+        return float(scipy.stats.beta.ppf(1.0 - SURE, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
 
     @property
     def at_most(self) -> float:
         """Its upper bound."""
-        return float(beta.ppf(SURE, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
+        return float(scipy.stats.beta.ppf(SURE, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
 
 
 class Figure(NamedTuple):
@@ -75,7 +75,7 @@ def over_arms(of: Callable[[Array], float], arms: Array) -> Figure:
         return Figure(value, float("nan"), float("nan"))
     without = np.array([of(np.delete(arms, a, axis=0)) for a in range(A)])
     std = float(np.sqrt((A - 1.0) / A * np.sum((without - without.mean()) ** 2)))
-    reach = float(t.ppf(SURE, A - 1)) * std
+    reach = float(scipy.stats.t.ppf(SURE, A - 1)) * std
     return Figure(value, value - reach, value + reach)
 
 

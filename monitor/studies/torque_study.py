@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import ks_2samp
+import scipy
 
 from monitor.assess import AssessSettings, assess
 from monitor.errors import BadInput
@@ -190,7 +190,7 @@ def surrogate(arms: Sequence[TorqueErrors], within_std: float) -> dict[str, Any]
     std = np.sqrt(np.sum(away**2, axis=(0, 1)) / (A * (R - 1)))  # (J,)
     rng = np.random.default_rng(0)
     drawn = rng.uniform(*WITHIN_SHARE, SURROGATE_DRAWS) * rng.normal(size=SURROGATE_DRAWS)
-    tests = [ks_2samp((away[:, :, j] / std[j]).ravel(), drawn / drawn.std()) for j in range(J)]
+    tests = [scipy.stats.ks_2samp((away[:, :, j] / std[j]).ravel(), drawn / drawn.std()) for j in range(J)]
     return {
         "replays": A * R,
         "std": std.tolist(),

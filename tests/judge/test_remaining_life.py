@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import invgauss
+import scipy
 
 from monitor.errors import BadConfiguration
 from monitor.judge.alerts.remaining_life import PrognosisSettings, first_passage, probability_within, remaining_life
@@ -17,7 +17,7 @@ def test_first_passage_is_the_inverse_gaussian():
     """Compared with SciPy's distribution, for a drift and a walk with which both terms of the formula matter."""
     days, rise, rate, walk = np.linspace(1, 2000, 50), 0.2, 0.0005, 0.01
     mean, shape = rise / rate, rise**2 / walk**2
-    expected = invgauss.cdf(days, mean / shape, scale=shape)
+    expected = scipy.stats.invgauss.cdf(days, mean / shape, scale=shape)
     assert np.allclose(first_passage(days, np.float64(rise), np.float64(rate), walk), expected, atol=1e-12)  # rounding
 
 
@@ -49,7 +49,7 @@ def test_quantiles_are_those_of_a_simulation():
     rising = rate > 0
     days = np.full(len(rate), np.inf)
     shape = rise[rising] ** 2 / WALK**2
-    days[rising] = invgauss.rvs(rise[rising] / rate[rising] / shape, scale=shape, random_state=rng)
+    days[rising] = scipy.stats.invgauss.rvs(rise[rising] / rate[rising] / shape, scale=shape, random_state=rng)
     life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert [life.p10_days, life.p50_days, life.p90_days] == pytest.approx(np.quantile(days, [0.1, 0.5, 0.9]), rel=0.02)
     soon = PrognosisSettings(service_days=float(np.quantile(days, 0.2)))

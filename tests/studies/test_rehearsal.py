@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
+import scipy
 from synthetic_arm import CONTEXT, START_S, Arm
 
 from monitor.assess import AssessSettings
@@ -280,7 +280,7 @@ def test_the_surrogate_is_what_identify_makes_of_full_physics(seed):
     slopes = [np.polyfit(grease[:, j], left[:, j], 1)[0] for j in range(6)]
     spread = (left - left.mean(axis=0)).std(axis=0)
     within = FleetSettings().within_std * rng.uniform(*WITHIN_SHARE, 3000) * rng.normal(size=3000)
-    p = [kstest((left[:, j] - left[:, j].mean()) / spread[j], within / within.std()).pvalue for j in range(6)]
+    p = [scipy.stats.kstest((left[:, j] - left[:, j].mean()) / spread[j], within / within.std()).pvalue for j in range(6)]
     print("slopes %/K", np.round(100 * np.array(slopes), 4), "spread %", np.round(100 * spread, 3), "KS p", np.round(p, 3))
     assert np.max(np.abs(slopes)) < 0.001
     assert np.all(spread < 0.009)

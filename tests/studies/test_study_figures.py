@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import t
 
 from monitor.studies.figures import over_arms
 
@@ -14,7 +14,7 @@ def test_the_bounds_of_a_mean_are_those_of_student(values):
     """The jackknife of a mean is its usual standard error."""
     rows = np.array(values)
     found = over_arms(np.mean, rows)
-    reach = t.ppf(0.95, len(rows) - 1) * np.std(rows, ddof=1) / np.sqrt(len(rows))
+    reach = scipy.stats.t.ppf(0.95, len(rows) - 1) * np.std(rows, ddof=1) / np.sqrt(len(rows))
     assert found.value == pytest.approx(rows.mean(), abs=1e-9)
     assert found.at_most - found.value == pytest.approx(reach, abs=1e-6)
     assert found.value - found.at_least == pytest.approx(reach, abs=1e-6)
