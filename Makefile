@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Five on two cores: two have an arm in real time, one mostly waits, two compute. Where an arm may not go before all other work there is one
-# arm, and with a second worker that computes its replays were late: three.
-WORKERS ?= $(shell chrt --rr 20 true 2>/dev/null && echo 5 || echo 3)
+# Six on two cores: two have an arm in real time, one mostly waits, three compute or wait for a browser. Where an arm may not go before all
+# other work there is one arm, and with a second worker that computes its replays were late: three.
+WORKERS ?= $(shell chrt --rr 20 true 2>/dev/null && echo 6 || echo 3)
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew
