@@ -323,6 +323,8 @@ def other_source(state: FilterState, sources: TwoSources) -> FilterState:
 
 def rescale_rate(state: FilterState, factor: Array) -> FilterState:
     """The state after a usual day of work became `factor` (N,) times as much work: the wear rate per usual day is as many times larger."""
+    if (factor == 1.0).all():  # as ever where nobody counts revolutions
+        return state
     mean, cov, responses = state.mean.copy(), state.cov.copy(), state.responses.copy()
     mean[:, RATE] *= factor
     cov[:, RATE, :] *= factor[:, None]

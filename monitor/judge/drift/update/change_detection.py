@@ -58,6 +58,8 @@ class ChangeBank:
         """The bank after the filter's update with gain K (N, S). It is empty for the joints in `restarted` (N,), whose change was found."""
         product = self.effect[..., None] * K[:, None, None, :]
         responses = np.subtract(self.responses, product, out=product)  # in place: this is the largest array of a fleet
+        if not restarted.any():
+            return replace(self, responses=responses)
         responses[restarted] = 0.0
         empty = restarted[:, None, None]
         return replace(

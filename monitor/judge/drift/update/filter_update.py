@@ -65,7 +65,8 @@ def update_filter(
     K = np.where(learnt[:, None], innovation.state_cov / innovation.var[:, None], 0.0)
     found = change.of_baseline | change.of_wear
     after = bank.after_update(K, restarted=found)
-    history = np.where(change.of_baseline[:, None, None], 0.0, move_level(state.history, change.shared))
+    history = move_level(state.history, change.shared)
+    history[change.of_baseline] = 0.0
     counts = innovation.resolved & ~innovation.settling & ~gate.gated & (state.replays >= NOISE_KNOWN)
     chance = learn_chance(state.chance, bank.glr_score_now, bank.information_now, bank.ages, counts, may_run_in(state), joints_per_arm)
     slow = running_in(state, change.shared, change.since)

@@ -30,9 +30,11 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, 
     reference = replace(state.counted_from, held_days=state.counted_from.held_days + days)
     state = replace(state, counted_from=reference)
     fallen = state.wear < -np.maximum(SURE * state.wear_std, LEAST_FALL)
-    fallen &= state.learnt_from & ~_rise_suspected(state)
+    fallen &= state.learnt_from
     if worked is not None:
         fallen &= ~worked
+    if fallen.any():  # on few days
+        fallen &= ~_rise_suspected(state)
     if not fallen.any():
         return state
     moved = np.where(fallen, state.wear, 0.0)
