@@ -24,6 +24,7 @@ from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
 from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.ripple import combined, gear_ripple
+from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.signals.together import motions_of
 from monitor.identify.signals.torque import joint_torque
@@ -83,7 +84,7 @@ def identify(
     refuse_twice(recordings)
     if method == "robust":
         settings = replace(settings, signals=replace(settings.signals, despike=True))
-    recordings = [at_motors(recording, robot) for recording in recordings]
+    recordings = [along_samples(at_motors(recording, robot)) for recording in recordings]
     motions = motions_of(recordings, settings.signals)
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     warnings = list(remarks_on.of_recordings(recordings))

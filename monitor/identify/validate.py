@@ -11,6 +11,7 @@ from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.checks import refuse_other_arm
 from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion, motion
+from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
@@ -116,7 +117,7 @@ def validate(
     """
     settings = held_out_settings(settings)
     refuse_other_arm(recording, robot)
-    moved = motion(at_motors(recording, robot), settings.signals)
+    moved = motion(along_samples(at_motors(recording, robot)), settings.signals)
     measured = joint_torque(moved, robot, gains)
     predicted = predict_motion(identification, robot, moved).torque
     moving = moved.moving(settings.moving_rad_s)

@@ -7,7 +7,7 @@ import numpy as np
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clean import Repair
 from monitor.identify.signals.order import median
-from monitor.identify.signals.rows import usual_size
+from monitor.identify.signals.rows import taken, usual_size
 from monitor.recording import Array, Indices, Mask, Recording
 
 MOVING_RAD_S = 0.02  # at rest, a current may keep its value
@@ -41,9 +41,9 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
     if drive is None or len(rows) < STUCK_ROWS:
         return
     what = "current" if recording.current is not None else "torque"
-    t_s, value = recording.t_s[rows], drive[rows]
+    t_s, value = taken(recording.t_s, rows), taken(drive, rows)
     tick = median(np.diff(t_s))
-    speed = recording.qd[rows] if recording.qd is not None else np.gradient(recording.q[rows], t_s, axis=0)
+    speed = taken(recording.qd, rows) if recording.qd is not None else np.gradient(recording.q[rows], t_s, axis=0)
     for j in range(value.shape[1]):
         moving = np.abs(speed[:, j]) > MOVING_RAD_S
         if not moving.any():

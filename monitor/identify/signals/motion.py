@@ -17,7 +17,7 @@ from monitor.identify.signals.filters import despike, filtered, low_pass, unifor
 from monitor.identify.signals.order import median, quantiles
 from monitor.identify.signals.readings import check_temperatures, plausible_temperatures
 from monitor.identify.signals.ripple import Unfiltered
-from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
+from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -133,7 +133,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         which = "s" if len(wound) > 1 else ""
         text = f"positions of joint{which} {', '.join(str(j + 1) for j in wound)} jumped by whole turns"
         repairs = (*repairs, Repair("turns_unwound", text))
-    t_s = recording.t_s[keep]
+    t_s = taken(recording.t_s, keep)
     jumps = int(np.sum(np.diff(t_s)[sound.breaks - 1] <= settings.gap_s))
     if jumps:
         text = f"the motion jumps {jumps} time{'s' if jumps > 1 else ''}, as where recordings are put together; each part is filtered alone"
@@ -142,7 +142,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     _refuse_poor_motion(recording, keep, rate_hz, settings)
 
     repairs = (*repairs, *check_drives(recording, keep))
-    measured = {key: value[keep] for key in LIMITS if (value := getattr(recording, key)) is not None}
+    measured = {key: taken(value, keep) for key in LIMITS if (value := getattr(recording, key)) is not None}
     cutoff_hz = min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower
     stretches = _Stretches(t_s, sound.breaks)
     unfiltered = _unfiltered(measured, stretches, max(settings.gap_s, 3.0 / rate_hz))
@@ -212,7 +212,7 @@ def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
     if len(keep) < FEWEST_ROWS:
         reasons = f" ({_reasons(why)})" if why else ""
         raise Unidentifiable(f"{name}: {len(keep)} of {recording.samples} rows are sound{reasons}; expected a recording")
-    if not np.any(_drive(recording)[keep]):
+    if not np.any(taken(_drive(recording), keep)):
         raise Unidentifiable(f"{name}: current or torque is zero throughout; expected what the drives measured")
     written = recording.samples - sum(why.get(reason, 0) for reason in HARMLESS)
     rejected = written - len(keep)
@@ -256,10 +256,10 @@ def _refuse_missing(recording: Recording) -> None:
 
 def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, settings: SignalSettings) -> None:
     """Raises Unidentifiable where the rate is too low, most joints stand still, or the recording is too short."""
-    name, t_s = _name(recording), recording.t_s[keep]
+    name, t_s = _name(recording), taken(recording.t_s, keep)
     if rate_hz < settings.min_rate_hz * 0.99:  # a clock may be wrong by 1 %
         raise Unidentifiable(f"{name}: sampled at {rate_hz:.3g} Hz; expected at least {settings.min_rate_hz:g} Hz, better 100 Hz")
-    qd = recording.qd[keep] if recording.qd is not None else np.gradient(recording.q[keep], t_s, axis=0)
+    qd = taken(recording.qd, keep) if recording.qd is not None else np.gradient(recording.q[keep], t_s, axis=0)
     fastest = quantiles(np.abs(qd), 0.99)  # (J,) not the maximum, which may be a torn sample
     moving = int(np.sum(fastest >= settings.min_speed_rad_s))
     needed = int(np.ceil(settings.min_moving_share * recording.joints))
@@ -344,7 +344,8 @@ def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | Non
     """(N, J) measured temperatures at the times t_s (N,) [°C]; NaN for a joint without a plausible reading; None without any."""
     if recording.temperature_c is None:
         return None
-    columns, measured = [], recording.temperature_c[keep]
-    for column, sensible in zip(measured.T, plausible_temperatures(measured).T, strict=True):
-        columns.append(np.interp(t_s, recording.t_s[keep][sensible], column[sensible]) if sensible.any() else np.full(len(t_s), np.nan))
-    return np.stack(columns, axis=1)
+    measured_s, measured = taken(recording.t_s, keep), taken(recording.temperature_c, keep)
+    temperature_c = np.empty((len(t_s), measured.shape[1]), order="F")
+    for j, sensible in enumerate(plausible_temperatures(measured).T):
+        temperature_c[:, j] = np.interp(t_s, measured_s[sensible], measured[sensible, j]) if sensible.any() else np.nan
+    return temperature_c

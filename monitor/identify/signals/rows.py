@@ -5,6 +5,7 @@ plausible its numbers are: |Δq − q̇·Δt| of a sound row is a fraction of a 
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,17 @@ class SoundRows(NamedTuple):
     turns: Array  # (N, J) whole turns to be added to q [rad], where positions were wrapped into one turn
 
 
+def along_samples(recording: Recording) -> Recording:
+    """The recording with memory that runs along the samples: the checks go joint by joint, ten times as fast as across the joints."""
+    signals = (*LIMITS, "temperature_c")
+    return replace(recording, **{key: np.asfortranarray(value) for key in signals if (value := getattr(recording, key)) is not None})
+
+
+def taken(x: Array, rows: Indices) -> Array:
+    """x (N, …) at these ascending rows; x itself where they are all, which is the usual case."""
+    return x if len(rows) == len(x) else x[rows]
+
+
 def sound_rows(recording: Recording) -> SoundRows:
     """The sound rows, and the number of the other rows by reason.
 
@@ -51,13 +63,13 @@ def sound_rows(recording: Recording) -> SoundRows:
     again = _doubled(rows, keep)
     why["doubled"] = int(np.sum(again))
     keep = keep[~again]
-    in_order = _longest_increasing(recording.t_s[keep])
+    in_order = _longest_increasing(taken(recording.t_s, keep))
     why["time_not_increasing"] = len(keep) - len(in_order)
     keep = keep[in_order]
     held = _held(rows, keep)
     why["held"] = int(np.sum(held))
     keep = keep[~held]
-    chain = longest_chain(recording.t_s[keep], recording.q[keep], None if recording.qd is None else recording.qd[keep])
+    chain = longest_chain(*(None if x is None else taken(x, keep) for x in (recording.t_s, recording.q, recording.qd)))
     why["position_jump"] = len(keep) - len(chain.rows)
     return SoundRows(keep[chain.rows], {reason: count for reason, count in why.items() if count}, chain.breaks, chain.turns)
 
