@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.identify.fit.equations import FitProblem
+from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.least_squares import Beside, Factor, Rows, Solution, factors, residuals_beside, solve
 from monitor.model.friction import PAPER, residual_law
@@ -39,8 +40,11 @@ class Causes:
             columns[:, :, E], columns[:, :, E + 3] = delay[::every], 1.0
             columns[:, :, E + 1 : E + 3] = moved.rounded(warming)[::every]
             self._columns.append(columns)
-        whole = found.joints if every == 1 else factors(self.rows)
-        self._joints = Beside(self.rows, whole).with_own(self._columns)
+        if every == 1:
+            self._joints = Beside(self.rows, found.joints).with_own(self._columns)
+        else:
+            pairs = zip(self.rows, self._columns, strict=True)
+            self._joints = factors([rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in pairs])
         self._solutions: dict[tuple[str, ...], Solution] = {}
 
     def beside(self, others: Sequence[str]) -> tuple[Solution, list[Array]]:

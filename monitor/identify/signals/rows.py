@@ -43,7 +43,7 @@ def along_samples(recording: Recording) -> Recording:
 
 
 def taken(x: Array, rows: Indices) -> Array:
-    """x (N, …) at these ascending rows; x itself where they are all, which is the usual case."""
+    """The rows of x (N, …) at these ascending places; x itself where they are all, which is the usual case."""
     return x if len(rows) == len(x) else x[rows]
 
 
