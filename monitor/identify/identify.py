@@ -256,7 +256,8 @@ def _paper_parameters(
     covariance = sure.noise
     unknown = ~solution.excited
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
-    loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations]
+    richer_law = found.law != PAPER  # a line needs no load
+    loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations] if richer_law else []
     M, places = projection(problem, loads, found), layout.of_law(found.law)  # (B, X), (J, K)
     values, base_covariance, total = M @ solution.values, mapped(M, covariance), mapped(M, sure.with_misfit)
     misfit = mapped(M, sure.lasting) - mapped(M, np.nan_to_num(covariance))
@@ -272,7 +273,7 @@ def _paper_parameters(
     off = law_doubt(problem, sure.upright, values[layout.friction], QUOTED_SPEEDS_RAD_S)  # (J,) [N·m]
     another = np.array([off_nm**2 * np.diag([1.0, 1.0 / max(speed, 0.1) ** 2]) for off_nm, speed in zip(off, speeds, strict=True)])
     richer = None
-    if found.law != PAPER:
+    if richer_law:
         richer = FrictionFit(
             law=found.law,
             values=solution.values[places],
@@ -287,7 +288,7 @@ def _paper_parameters(
         friction_cov=base_covariance[pair],
         friction=richer,
         total_covariance=total,
-        misfit_cov=np.where(known[:, None, None], [positive(part) for part in misfit[pair]] + another, np.nan),
+        misfit_cov=np.where(known[:, None, None], positive(misfit[pair]) + another, np.nan),
         paper_d=np.linalg.norm((M @ solution.directions), axis=1),
     )
 

@@ -33,6 +33,8 @@ ALIKE = 0.5  # cosine between the fitted weights and the manufacturer's; with a 
 FEW_SAMPLES = 400  # for the quick check
 SAMPLES = 1500  # of all motions together: the effect of gravity changes slowly, so more samples add little
 ROUNDS = 30  # steps of one descent, at most
+SETTLED_RAD = 1e-6  # step at which a descent ends
+QUICKLY_SETTLED_RAD = 1e-3  # for the quick check: far below the contradiction, and the step after it would be a thousandth of it
 NAMED_DEG = 10.0  # within this angle of a named mounting, the warning uses its name
 RIDGE = 1e-12  # of a column's square: parameters that the motion does not excite stay near 0
 
@@ -91,7 +93,7 @@ def _agrees(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, m
     """
     problem = _Problem(motions, torques, robot, samples=FEW_SAMPLES)
     configured = -mounting.gravity_in_base / np.linalg.norm(mounting.gravity_in_base)
-    up = problem.descend(_nudged(configured))
+    up = problem.descend(_nudged(configured), QUICKLY_SETTLED_RAD)
     return bool(math.degrees(math.acos(min(1.0, float(up @ configured)))) < 0.5 * CONTRADICTION_DEG and problem.agreement(up) > ALIKE)
 
 
@@ -222,7 +224,7 @@ class _Problem:
         moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
         return residual, A @ scipy.linalg.cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
 
-    def descend(self, up: Array) -> Array:
+    def descend(self, up: Array, settled_rad: float = SETTLED_RAD) -> Array:
         """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped so that the cost decreases."""
         cost, damping = self.cost(up), 1e-3
         for _ in range(ROUNDS):
@@ -236,7 +238,7 @@ class _Problem:
             tried /= np.linalg.norm(tried)
             new = self.cost(tried)
             if new < cost:
-                small = np.linalg.norm(step) < 1e-6 or cost - new < 1e-10 * cost
+                small = np.linalg.norm(step) < settled_rad or cost - new < 1e-10 * cost
                 up, cost, damping = tried, new, damping / 10.0
                 if small:
                     break

@@ -59,7 +59,7 @@ def test_intervals_are_honest_at_low_rates(every):
         recording = rippled(seed)
         at = slice(seed % every, None, every)
         t_s = recording.t_s[at]
-        rows = Unfiltered(t_s, recording.q[at], recording.qd[at], recording.current[at], [np.arange(len(t_s))])
+        rows = Unfiltered(t_s, recording.q[at], recording.qd[at], recording.current[at], [slice(0, len(t_s))])
         ripple = gear_ripple(rows, UR5.gear_ratio, 125.0 / every)
         quoted = np.isfinite(ripple.amplitude_a)
         errors += ((ripple.amplitude_a - KNOWN_A) / ripple.std_a)[quoted].tolist()

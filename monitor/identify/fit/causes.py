@@ -30,14 +30,16 @@ class Causes:
         for eq, before, torque in zip(problem.equations, found.rows, found.torques, strict=True):
             moved = eq.motion
             self.rows.append(before.thinned(every, B))
-            delay = -np.gradient(torque, axis=0) * moved.rate_hz  # (N, J) [N·m/s] of a torque that comes later
             middle = moved.t_s - np.mean(moved.t_s)
             warming = PAPER.columns(moved.qd)  # (N, J, 2)
             warming *= middle[:, None, None]
             E = self._terms
-            columns = np.empty((len(self.rows[-1].torque_nm), delay.shape[1], E + len(OTHER_CAUSES)), order="F")
+            columns = np.empty((len(self.rows[-1].torque_nm), torque.shape[1], E + len(OTHER_CAUSES)), order="F")
             columns[:, :, :E] = eq.extra_columns(law, found.solution.values[:B], problem.layout)[::every]
-            columns[:, :, E], columns[:, :, E + 3] = delay[::every], 1.0
+            columns[:, :, E], columns[:, :, E + 3] = (
+                -moved.rate_hz * np.gradient(torque, axis=0)[::every],
+                1.0,
+            )  # of a torque that comes later
             columns[:, :, E + 1 : E + 3] = moved.rounded(warming)[::every]
             self._columns.append(columns)
         if every == 1:

@@ -8,7 +8,7 @@ import numpy as np
 from monitor.identify.fit.causes import REPEATABLE, Causes
 from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.fit import Fit, robust_inflation
-from monitor.identify.fit.jackknife import WINDOW_STEPS, Blocks
+from monitor.identify.fit.jackknife import jackknife_covariances
 from monitor.identify.fit.least_squares import Solution
 from monitor.identify.fit.projection import mean_load
 from monitor.model.friction import residual_law
@@ -36,9 +36,8 @@ def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes)
     every = causes.every
     upright, noise = causes.beside(REPEATABLE)
     rows, residuals = [rec.thinned(every) for rec in found.rows], [left[::every] for left in found.residuals]
-    blocks = Blocks(rows, np.sqrt(every) * found.weights, found.solution, [noise, residuals])
-    alone, together = blocks.covariances(WINDOW_STEPS)
-    lasting = blocks.longer_covariances()[1]
+    weights = np.sqrt(every) * found.weights
+    (alone, together), (_, lasting) = jackknife_covariances(rows, weights, found.solution, [noise, residuals])
     inflation = robust_inflation(found) ** 2
     leaning, B = np.zeros(len(free.values)), len(problem.prior)
     leaning[:B] = np.where(problem.layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
@@ -73,10 +72,10 @@ def mapped(M: Array, covariance: Array) -> Array:
     return mapped
 
 
-def positive(covariance: Array) -> Array:
-    """The nearest covariance without negative variances. A matrix that holds NaN is returned as it is."""
-    if not np.all(np.isfinite(covariance)):
-        return covariance
-    variances, axes = np.linalg.eigh(covariance)
-    positive: Array = axes * np.maximum(variances, 0.0) @ axes.T
+def positive(covariances: Array) -> Array:
+    """The nearest covariances (n, B, B) without negative variances. A matrix that holds NaN is returned as it is."""
+    finite = np.all(np.isfinite(covariances), axis=(1, 2))
+    positive = covariances.copy()
+    variances, axes = np.linalg.eigh(covariances[finite])
+    positive[finite] = axes * np.maximum(variances, 0.0)[:, None] @ np.swapaxes(axes, 1, 2)
     return positive

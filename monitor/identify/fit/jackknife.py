@@ -5,7 +5,9 @@ small. Here one block of time after the other is left out, all joints together: 
 coverage down to a dozen blocks. The solution without block b differs from the full one by (G − G_b)⁻¹·g_b, so nothing is fitted anew.
 """
 
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -34,86 +36,94 @@ def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: S
     It says how the residual of these recordings moves the parameters. It does not say what changes from one replay to the next.
     Raises Unidentifiable where the unbroken stretches are shorter than two blocks.
     """
-    return jackknife_covariances(recordings, weights, solution, [residuals_of(recordings, solution.values)])[0]
+    (covariance,) = _covariances(recordings, weights, solution, [residuals_of(recordings, solution.values)], [WINDOW_STEPS])[0]
+    return covariance
+
+
+class Covariances(NamedTuple):
+    """Covariances (B, B) by each of S estimates of the noise."""
+
+    usual: list[Array]  # with blocks of `WINDOW_STEPS`
+    longer: list[Array]  # with blocks as long as the recordings allow, up to `LONG_STEPS`
 
 
 def jackknife_covariances(
     recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]
-) -> list[Array]:
-    """`jackknife_covariance` for each of S estimates of the noise: residuals[s][r] is (N, J) [N·m] for recording r."""
-    return Blocks(recordings, weights, solution, residuals).covariances(WINDOW_STEPS)
+) -> Covariances:
+    """`jackknife_covariance` for each of S estimates of the noise, with blocks of two lengths.
 
-
-class Blocks:
-    """What each step of the recordings contributes, from which blocks of any length are left out.
-
-    residuals : as for `jackknife_covariances`.
+    residuals : [s][r] is (N, J) [N·m] of estimate s for recording r.
     """
-
-    def __init__(self, recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]]) -> None:
-        self._T = solution.directions  # (B, r)
-        self._sums, self._runs = _running_sums(recordings, weights, self._T, residuals)
-
-    def covariances(self, width: int) -> list[Array]:
-        """The S covariances with blocks of `width` steps. Raises Unidentifiable where too few such blocks are unbroken."""
-        # of longer blocks as many staggered partitions as of the usual ones
-        windows = _windows(self._runs, width)[:: width // WINDOW_STEPS]
-        r, sums = self._T.shape[1], self._sums
-        moved = sums[windows + width, r:, :r] - sums[windows, r:, :r]  # (W, S, r)
-        rest = np.empty((r, r))
-        for first, scores in zip(windows, moved, strict=True):
-            # the rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1
-            np.subtract(sums[first, :r, :r], sums[first + width, :r, :r], out=rest)
-            rest.ravel()[:: r + 1] += 1.0 / HIGHEST_LEVERAGE
-            _, solved, failed = scipy.linalg.lapack.dposv(rest.T, scores.T)
-            scores[:] = solved.T if not failed else np.linalg.solve(rest, scores.T).T  # failed: the rows are not quite orthonormal
-        blocks = len(self._runs) / width
-        scale = blocks / len(windows) * (blocks - 1.0) / blocks / HIGHEST_LEVERAGE**2
-        return [scale * delta.T @ delta for delta in np.swapaxes(moved, 0, 1) @ self._T.T]
-
-    def longer_covariances(self) -> list[Array]:
-        """The S covariances with blocks as long as the recordings allow, up to `LONG_STEPS`; with blocks of the usual length at least."""
-        width = min(LONG_STEPS, len(self._runs) // FEWEST_LONG)
-        longest = int(np.max(np.bincount(_run_numbers(self._runs))))
-        return self.covariances(max(WINDOW_STEPS, min(width, longest // 2)))
+    runs = _runs(recordings)
+    longest = int(np.max(np.bincount(_run_numbers(runs))))
+    long = max(WINDOW_STEPS, min(LONG_STEPS, len(runs) // FEWEST_LONG, longest // 2))
+    return Covariances(*_covariances(recordings, weights, solution, residuals, [WINDOW_STEPS, long]))
 
 
-def _running_sums(
-    recordings: Sequence[Rows], weights: Array, T: Array, residuals: Sequence[Sequence[Array]]
-) -> tuple[Array, list[tuple[int, int]]]:
-    """Sums (K + 1, r + S, r + S) of `_add_steps` over the steps before each, and the recording and stretch that each step lies in."""
-    starts = [np.flatnonzero(np.diff(rec.steps, prepend=-1)) for rec in recordings]
-    size = T.shape[1] + len(residuals)
-    sums = np.zeros((1 + sum(map(len, starts)), size, size))
-    runs: list[tuple[int, int]] = []
-    for number, (rec, first) in enumerate(zip(recordings, starts, strict=True)):
-        into = sums[1 + len(runs) : 1 + len(runs) + len(first)]
-        _add_steps(into, rec, weights, T, np.stack([estimate[number] for estimate in residuals], axis=-1), first)
-        runs += [(number, int(rec.segments[row])) for row in first]
-    for k in range(1, len(sums)):  # row by row, in place: numpy's own running sum takes many times as long
-        sums[k] += sums[k - 1]
-    return sums, runs
+def _covariances(
+    recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]], widths: Sequence[int]
+) -> list[list[Array]]:
+    """Of each width the S covariances with blocks of so many steps. Raises Unidentifiable where too few such blocks are unbroken."""
+    runs, T = _runs(recordings), solution.directions  # (B, r)
+    # of longer blocks as many staggered partitions as of the usual ones
+    windows = [_windows(runs, width)[:: width // WINDOW_STEPS] for width in widths]
+    ends = [set((first + width).tolist()) for first, width in zip(windows, widths, strict=True)]
+    moved: list[list[Array]] = [[] for _ in widths]  # of each block, (r, S)
+    last = deque[Array](maxlen=max(widths) + 1)  # all sums of a long recording would fill the memory
+    for k, sums in enumerate(_running_sums(recordings, weights, T, residuals)):
+        last.append(sums)
+        for width, ending, into in zip(widths, ends, moved, strict=True):
+            if k in ending:
+                into.append(_without(last[-1 - width] - sums, T.shape[1]))
+    result = []
+    for width, first, deltas in zip(widths, windows, moved, strict=True):
+        blocks = len(runs) / width
+        scale = blocks / len(first) * (blocks - 1.0) / blocks / HIGHEST_LEVERAGE**2
+        result.append([scale * delta.T @ delta for delta in np.stack(deltas, axis=0).transpose(2, 0, 1) @ T.T])
+    return result
 
 
-def _add_steps(sums: Array, rec: Rows, weights: Array, T: Array, residuals: Array, starts: Indices) -> None:
-    """Add [Z e]ᵀ[Z e] to sums (steps, r + S, r + S), of each step's rows Z = Y·T and residuals e, weighted.
+def _without(block: Array, r: int) -> Array:
+    """(r, S) how far the solution moves in z without a block, whose sums [G_b g_b]ᵀ (r + S, r + S) come with a minus and are overwritten.
 
-    residuals : (N, J, S) [N·m]. starts : first sample of each step.
+    The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
     """
-    scaled, ends = rec.root_weight * weights, np.append(starts[1:], len(rec.used))  # (N, J), (steps,)
-    Y, r, size = Felt.of(rec.Y), T.shape[1], sums.shape[1]
-    for piece, columns in Y.pieces():
-        Z = np.empty((piece.stop - piece.start, len(Y.places), size))
-        for j, block in enumerate(columns):
-            np.matmul(block, T[Y.places[j]], out=Z[:, j, :r])
-        Z[:, :, r:] = residuals[piece]
-        Z *= scaled[piece, :, None]
-        for k in np.flatnonzero((starts < piece.stop) & (ends > piece.start)):
-            rows = Z[max(0, starts[k] - piece.start) : ends[k] - piece.start].reshape(-1, size)
-            if starts[k] < piece.start:
-                sums[k] += rows.T @ rows
-            else:
-                np.matmul(rows.T, rows, out=sums[k])
+    block.ravel()[: r * len(block) : len(block) + 1] += 1.0 / HIGHEST_LEVERAGE
+    rest, scores = block[:r, :r], -block[:r, r:]
+    _, moved, failed = scipy.linalg.lapack.dposv(rest, scores)
+    return np.linalg.solve(rest, scores) if failed else moved  # failed: the rows are not quite orthonormal
+
+
+def _runs(recordings: Sequence[Rows]) -> list[tuple[int, int]]:
+    """(K,) the recording and the unbroken stretch that each step lies in."""
+    return [(number, int(rec.segments[row])) for number, rec in enumerate(recordings) for row in _starts(rec)]
+
+
+def _starts(rec: Rows) -> Indices:
+    """(K,) first sample of each step of one recording."""
+    return np.flatnonzero(np.diff(rec.steps, prepend=-1))
+
+
+def _running_sums(recordings: Sequence[Rows], weights: Array, T: Array, residuals: Sequence[Sequence[Array]]) -> Iterator[Array]:
+    """Sums (r + S, r + S) of [Z e]ᵀ[Z e] over the steps before each step, and over all, of the rows Z = Y·T and residuals e, weighted."""
+    r, size = T.shape[1], T.shape[1] + len(residuals)
+    sums = np.zeros((size, size))
+    yield sums
+    for number, rec in enumerate(recordings):
+        starts, scaled, Y = _starts(rec), rec.root_weight * weights, Felt.of(rec.Y)  # (K,), (N, J)
+        left = np.stack([estimate[number] for estimate in residuals], axis=-1)  # (N, J, S)
+        ends = np.append(starts[1:], len(rec.used))
+        for piece, columns in Y.pieces():
+            Z = np.empty((piece.stop - piece.start, len(Y.places), size))
+            for j, block in enumerate(columns):
+                np.matmul(block * scaled[piece, j, None], T[Y.places[j]], out=Z[:, j, :r])
+            np.multiply(left[piece], scaled[piece, :, None], out=Z[:, :, r:])
+            within = (starts < piece.stop) & (ends > piece.start)
+            for first, end in zip((starts[within] - piece.start).tolist(), (ends[within] - piece.start).tolist(), strict=True):
+                rows = Z[max(0, first) : end].reshape(-1, size)
+                sums = rows.T @ rows + sums
+                if end <= len(Z):  # else the step goes on in the next piece
+                    yield sums
 
 
 def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:

@@ -5,6 +5,7 @@ All signals pass the same filter, forward and backward. A delay between current 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -197,10 +198,11 @@ class _Stretches(NamedTuple):
     t_s: Array  # (N,)
     breaks: Indices
 
-    def longer_than(self, gap_s: float) -> list[Indices]:
-        """Indices of each stretch without a jump and without a hole longer than `gap_s`."""
+    def longer_than(self, gap_s: float) -> list[slice]:
+        """The rows of each stretch without a jump and without a hole longer than `gap_s`."""
         holes = np.flatnonzero(np.diff(self.t_s) > gap_s) + 1
-        return np.split(np.arange(len(self.t_s)), np.union1d(holes, self.breaks))
+        edges = [0, *np.union1d(holes, self.breaks).tolist(), len(self.t_s)]
+        return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
@@ -293,7 +295,7 @@ def _joined(
     for segment in stretches.longer_than(max(settings.gap_s, 3.0 / rate_hz)):
         part = uniform(stretches.t_s[segment], {key: value[segment] for key, value in measured.items()}, rate_hz)
         if len(part["t_s"]) < 2 * settings.trim_s * rate_hz + 30:  # nothing remains between the filter's edges
-            short += len(segment)
+            short += segment.stop - segment.start
             continue
         parts.append(filtered(part, rate_hz, smooth, round(settings.trim_s * rate_hz)))
     if short:

@@ -41,7 +41,7 @@ class Unfiltered(NamedTuple):
     q: Array  # (N, J) [rad]
     qd: Array  # (N, J) [rad/s]
     current: Array  # (N, J) [A]
-    stretches: Sequence[Indices]
+    stretches: Sequence[slice]
 
 
 class Ripple(NamedTuple):
@@ -64,7 +64,7 @@ def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float
     amplitude, std = np.full((2, J, H), np.nan)
     why: list[tuple[str | None, ...]] = [(SLOW,) * H] * J
     width = max(3, 2 * round(0.5 * WINDOW_S * rate_hz) + 1)
-    stretches = [slice(rows[0], rows[-1] + 1) for rows in unfiltered.stretches if len(rows) > 2 * width]
+    stretches = [rows for rows in unfiltered.stretches if rows.stop - rows.start > 2 * width]
     cases: list[_Case] = []
     if stretches:
         blocks = np.floor(_joined([unfiltered.t_s[each] for each in stretches]) / BLOCK_S)
