@@ -46,11 +46,14 @@ class Felt:
         """Of each joint the columns that it feels, (n, K), at these samples."""
         return self._make(samples) if self._kept is None else [block[samples] for block in self._kept]
 
-    def pieces(self) -> Iterator[tuple[slice, list[Array]]]:
-        """The samples of each piece, and `at` of them."""
-        for first in range(0, self.samples, PIECE):
-            piece = slice(first, min(first + PIECE, self.samples))
-            yield piece, self.at(piece)
+    def pieces(self, length: int = PIECE) -> Iterator[tuple[slice, list[Array]]]:
+        """The samples of each piece of at most this length, and `at` of them."""
+        for first in range(0, self.samples, PIECE):  # formed at once
+            whole = slice(first, min(first + PIECE, self.samples))
+            blocks = self.at(whole)
+            for start in range(whole.start, whole.stop, length):
+                piece = slice(start, min(start + length, whole.stop))
+                yield piece, [block[piece.start - first : piece.stop - first] for block in blocks]
 
     def __matmul__(self, values: Array) -> Array:
         """Y x (N, J) of values x (X,)."""

@@ -22,6 +22,7 @@ CORRELATED_S = 0.5  # time over which residuals of real arms are correlated: 0.4
 WINDOW_STEPS = 6  # steps in a block: with six staggered partitions instead of one the covariance is smoother, and regular
 LONG_STEPS = 36  # of the longer blocks, 4.8 s: what stays alike for seconds, as friction that depends on place or run-in, counts once
 FEWEST_LONG = 8  # of the longer blocks
+SHORT = 256  # samples whose rows stay in the processor's memory
 HIGHEST_LEVERAGE = 1.0 - 1e-3  # of a block: the influence of a block that the rest cannot replace is limited to a thousandfold
 
 
@@ -113,7 +114,7 @@ def _running_sums(recordings: Sequence[Rows], weights: Array, T: Array, residual
         starts, scaled, Y = _starts(rec), rec.root_weight * weights, Felt.of(rec.Y)  # (K,), (N, J)
         left = np.stack([estimate[number] for estimate in residuals], axis=-1)  # (N, J, S)
         ends = np.append(starts[1:], len(rec.used))
-        for piece, columns in Y.pieces():
+        for piece, columns in Y.pieces(SHORT):
             Z = np.empty((piece.stop - piece.start, len(Y.places), size))
             for j, block in enumerate(columns):
                 np.matmul(block * scaled[piece, j, None], T[Y.places[j]], out=Z[:, j, :r])
