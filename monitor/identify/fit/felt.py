@@ -57,7 +57,7 @@ class Felt:
 
     def __matmul__(self, values: Array) -> Array:
         """Y x (N, J) of values x (X,)."""
-        product = np.empty(self.shape[:2])
+        product = np.empty(self.shape[:2], order="F")  # memory runs along the samples, as in the torque
         for piece, blocks in self.pieces():
             for j, block in enumerate(blocks):
                 product[piece, j] = block @ values[self.places[j]]
