@@ -24,6 +24,7 @@ from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.ripple import gear_ripple
+from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor
@@ -35,6 +36,7 @@ ROUNDS = 25
 
 def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, Callable[[], object]]:
     """What is timed, by name. The stages are those of `identify wls`."""
+    recording = along_samples(recording)
     moved, base, settings = motion(recording), base_parameters(robot, mounting), IdentifySettings()
     torque, felt = joint_torque(moved, robot), felt_columns(base.columns, robot.joints)
 

@@ -85,14 +85,16 @@ def _covariances(
 
 
 def _without(block: Array, r: int) -> Array:
-    """(r, S) how far the solution moves in z without a block, whose sums [G_b g_b]ᵀ (r + S, r + S) come with a minus and are overwritten.
+    """(r, S) how far the solution moves in z without a block.
 
-    The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
+    block : (r + S, r + S) the sums of `_running_sums` over the block, all with a minus; it is overwritten. The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
     """
     block.ravel()[: r * len(block) : len(block) + 1] += 1.0 / HIGHEST_LEVERAGE
     rest, scores = block[:r, :r], -block[:r, r:]
     _, moved, failed = scipy.linalg.lapack.dposv(rest, scores)
-    return np.linalg.solve(rest, scores) if failed else moved  # failed: the rows are not quite orthonormal
+    if failed:  # the rows are not quite orthonormal
+        moved[:] = np.linalg.solve(rest, scores)
+    return np.asarray(moved)
 
 
 def _runs(recordings: Sequence[Rows]) -> list[tuple[int, int]]:

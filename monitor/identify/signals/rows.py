@@ -38,8 +38,19 @@ class SoundRows(NamedTuple):
 
 def along_samples(recording: Recording) -> Recording:
     """The recording with memory that runs along the samples: the checks go joint by joint, ten times as fast as across the joints."""
-    signals = (*LIMITS, "temperature_c")
-    return replace(recording, **{key: np.asfortranarray(value) for key in signals if (value := getattr(recording, key)) is not None})
+
+    def moved(x: Array | None) -> Array | None:
+        return None if x is None else np.asfortranarray(x)
+
+    return replace(
+        recording,
+        q=np.asfortranarray(recording.q),
+        qd=moved(recording.qd),
+        qdd=moved(recording.qdd),
+        current=moved(recording.current),
+        torque=moved(recording.torque),
+        temperature_c=moved(recording.temperature_c),
+    )
 
 
 def taken(x: Array, rows: Indices) -> Array:
@@ -69,7 +80,8 @@ def sound_rows(recording: Recording) -> SoundRows:
     held = _held(rows, keep)
     why["held"] = int(np.sum(held))
     keep = keep[~held]
-    chain = longest_chain(*(None if x is None else taken(x, keep) for x in (recording.t_s, recording.q, recording.qd)))
+    qd = None if recording.qd is None else taken(recording.qd, keep)
+    chain = longest_chain(taken(recording.t_s, keep), taken(recording.q, keep), qd)
     why["position_jump"] = len(keep) - len(chain.rows)
     return SoundRows(keep[chain.rows], {reason: count for reason, count in why.items() if count}, chain.breaks, chain.turns)
 
