@@ -87,7 +87,8 @@ def _covariances(
 def _without(block: Array, r: int) -> Array:
     """(r, S) how far the solution moves in z without a block.
 
-    block : (r + S, r + S) the sums of `_running_sums` over the block, all with a minus; it is overwritten. The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
+    block : (r + S, r + S) the sums of `_running_sums` over the block, all with a minus; it is overwritten.
+    The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
     """
     block.ravel()[: r * len(block) : len(block) + 1] += 1.0 / HIGHEST_LEVERAGE
     rest, scores = block[:r, :r], -block[:r, r:]
