@@ -82,7 +82,8 @@ def become(request: dict[str, Any]) -> None:
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
     real_time.wanted = request["real_time"]
-    preferred = PRIORITIES.get(request["arguments"][1])
+    what, *rest = request["arguments"]
+    preferred = PRIORITIES.get(rest[0]) if what == "-m" else None
     if real_time.wanted and preferred is not None:
         real_time.give(0, preferred)
     if request["session"]:
@@ -91,7 +92,6 @@ def become(request: dict[str, Any]) -> None:
     os.environ.clear()
     os.environ.update(request["environment"])
     time.tzset()
-    what, *rest = request["arguments"]
     sys.orig_argv = [sys.executable, what, *rest]
     if what == "-m":
         sys.argv, sys.path[0] = rest, request["folder"]

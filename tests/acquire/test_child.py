@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from excitations import short
-from prepared import Process
+from prepared import Process, run
 from processes import children
 
 from monitor.acquire.listen import Listener, ListenSettings
@@ -146,6 +146,13 @@ def test_a_prepared_streaming_process_is_what_the_program_itself_starts():
             seen.append((int(parent), int(session) == child.pid, files, child.wait(10.0), child.stdout.read(), os.read(reading, 1)))
         os.close(reading)
     assert seen == [(os.getpid(), True, True, EXIT_ORPHANED, b"", b"")] * 2
+
+
+def test_a_prepared_process_runs_a_script_without_arguments(tmp_path):
+    """As `python script` does: the script's place is all of its arguments."""
+    script = tmp_path / "script.py"
+    script.write_text("import sys\nprint(sys.argv)\n")
+    assert run([sys.executable, str(script)], 30.0).stdout == f"{[str(script)]}\n"
 
 
 def ignored(about: Path) -> str:
