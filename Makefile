@@ -4,8 +4,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # Six on two cores: two have an arm in real time, one mostly waits, three compute or wait for a browser. Where an arm may not go before all
-# other work there is one arm, and with a second worker that computes its replays were late: three.
-WORKERS ?= $(shell chrt --rr 20 true 2>/dev/null && echo 6 || echo 3)
+# other work, and on one processor, there is one arm, and with a second worker that computes its replays were late: three.
+WORKERS ?= $(shell chrt --rr 20 true 2>/dev/null && test $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc) -gt 1 && echo 6 || echo 3)
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew

@@ -1,11 +1,14 @@
 """The map in `monitor/__init__.py` against the linter's contracts and the folder itself."""
 
 import ast
+import os
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 
 import pytest
+import real_time
 
 import monitor
 
@@ -134,6 +137,26 @@ def test_every_module_that_the_suite_puts_in_a_group_exists(request):
     assert set(suite.ONE_ARM).isdisjoint(suite.ANOTHER_ARM)
     assert set(suite.REAL_TIME).isdisjoint(suite.WAITING)
     assert [place for place in (*suite.REAL_TIME, *suite.WAITING) if not (ROOT / "tests" / place).is_file()] == []
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux says on which processors a process may run")
+def test_there_are_six_workers_only_where_two_arms_stand_beside_each_other(monkeypatch):
+    """By the permission for real-time priority, and the processors that this process may use: as the suite itself asks."""
+    for name in ("WORKERS", "MAKEFLAGS", "MAKEOVERRIDES"):  # of `make test` with another number
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # of which nproc makes one processor
+    ours = os.sched_getaffinity(0)
+
+    def workers():
+        recipe = subprocess.run(["make", "--dry-run", "test"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        return int(re.search(r"pytest -n (\d+)", recipe)[1])
+
+    assert workers() == (6 if real_time.permitted() and len(ours) > 1 else 3)
+    try:
+        os.sched_setaffinity(0, {min(ours)})
+        assert workers() == 3
+    finally:
+        os.sched_setaffinity(0, ours)
 
 
 def test_no_test_imports_a_conftest():
