@@ -163,7 +163,7 @@ def test_noise_that_was_correlated_over_a_day_is_hardly_so_over_a_week(plant):
     everyone = np.ones(6, dtype=bool)
     for _ in range(80):
         state = replace(state, sources=replace(state.sources, since_days=np.full(6, 7.0)))
-        state = observed(state, everyone, everyone)
+        state = observed(state, everyone, everyone, 6)
     assert state.sources.interval_days == pytest.approx(7.0, rel=0.01)
     assert state.product / (state.product + state.step_var) == pytest.approx(0.6**7, rel=0.05)
     assert state.product + state.step_var == pytest.approx(var)
@@ -173,17 +173,31 @@ def test_the_first_observations_of_a_source_set_its_interval_and_leave_the_prior
     state = plant.history.last.belief.filter_state
     state = replace(state, sources=replace(state.sources, interval_days=np.ones(6), number=np.zeros(6), since_days=np.full(6, 7.0)))
     everyone = np.ones(6, dtype=bool)
-    after = observed(state, everyone, everyone)
+    after = observed(state, everyone, everyone, 6)
     assert after.sources.interval_days == pytest.approx(7.0)
     assert after.product == pytest.approx(state.product)
     assert after.step_var == pytest.approx(state.step_var)
+
+
+def test_the_size_of_each_joints_noise_stays_when_replays_become_frequent(plant):
+    """Weekly replays showed the same noise in each joint, and its correlation only to ±0.1. Now they are daily, and back."""
+    state, settings = plant.history.last.belief.filter_state, DriftSettings()
+    shown = np.array([0.15, -0.05, 0.05, 0.1, 0.0, 0.05])
+    state = replace(state, step_var=0.02**2 * (1.0 - shown), product=0.02**2 * shown, noise_weight=np.full(6, 60.0), activity=np.ones(6))
+    daily = correlated_over(state, np.full(6, 1.0 / 7.0), 6)
+    sizes = np.sqrt(daily.noise_var(6, settings) / state.noise_var(6, settings))
+    assert sizes == pytest.approx(1.0, abs=0.06)
+    assert daily.autocorrelation(6, settings) == pytest.approx(0.62, abs=0.02)
+    again = correlated_over(daily, np.full(6, 7.0), 6)
+    assert again.step_var == pytest.approx(state.step_var)
+    assert again.product == pytest.approx(state.product)
 
 
 def test_noise_that_alternates_keeps_its_correlation_when_the_interval_changes(plant):
     """A negative correlation is none of noise that fades with time."""
     state = plant.history.last.belief.filter_state
     state = replace(state, step_var=np.full(6, 5e-4), product=np.full(6, -1e-4))
-    after = correlated_over(state, np.full(6, 7.0))
+    after = correlated_over(state, np.full(6, 7.0), 6)
     assert after.product == pytest.approx(state.product)
     assert after.step_var == pytest.approx(state.step_var)
 

@@ -125,14 +125,20 @@ class FilterState:
         in it would take all of their scatter for noise that fades, and go on believing.
         """
         J = joints_per_arm
-        each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, J), axis=1)
-        trim = J // 6 + (J == 5)
         longest = self.noise_weight.reshape(-1, J).mean(axis=1) / REPLAYS_PER_LENGTH
         most = np.clip(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation, settings.autocorrelation_max)
         n = self.noise_weight.reshape(-1, J).mean(axis=1)
-        shown = (n * each[:, trim : J - trim].mean(axis=1) + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
+        shown = (n * self.correlation_seen(J) + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
         rho = np.clip(shown, 0.0, most)
         return np.repeat(rho, J)
+
+    def correlation_seen(self, joints_per_arm: int) -> Array:
+        """(A,) ρ of each arm without its prior and its bounds: the trimmed mean over the arm's joints."""
+        J = joints_per_arm
+        each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, J), axis=1)
+        trim = J // 6 + (J == 5)
+        mean: Array = each[:, trim : J - trim].mean(axis=1)
+        return mean
 
     def noise_var(self, joints_per_arm: int, settings: DriftSettings, rho: Array | None = None) -> Array:
         """(N,) variance of the noise between replays at present: σ² = γ₁/(1 − ρ), larger after few replays. rho : ρ, where it is known."""

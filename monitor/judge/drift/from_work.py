@@ -120,7 +120,7 @@ def reopen_work(state: FilterState, opened: np.ndarray) -> FilterState:
     return replace(state, mean=mean, cov=cov, responses=responses, sources=sources)
 
 
-def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray) -> FilterState:
+def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray, joints_per_arm: int) -> FilterState:
     """The state with the clock of the source in force after an observation of the joints in `here` (N,); `learnt` (N,): learned from."""
     s = _sources(state)
     days = s.since_days
@@ -128,7 +128,7 @@ def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray) -> Filter
     step = np.log(np.where(usual, days, s.interval_days) / s.interval_days) / (np.minimum(s.number, 10.0) + 1.0)
     longer = np.where(s.number >= NOISE_LEARNT, np.exp(step), 1.0)
     return replace(
-        correlated_over(state, longer),
+        correlated_over(state, longer, joints_per_arm),
         sources=replace(
             s,
             interval_days=s.interval_days * np.exp(step),
@@ -138,21 +138,18 @@ def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray) -> Filter
     )
 
 
-def correlated_over(state: FilterState, longer: Array) -> FilterState:
+def correlated_over(state: FilterState, longer: Array, joints_per_arm: int) -> FilterState:
     """The state whose usual interval between observations of the source in force became `longer` (N,) times as long.
 
     The correlation that was learnt belongs to the interval: noise fades with time, so over a week it is ρ⁷ where it was ρ over a day. Its
-    size stays. With γ₁ = σ²(1 − ρ) and c₁ = σ²·ρ, see `FilterState.autocorrelation`.
+    size stays. With γ₁ = σ²(1 − ρ) and c₁ = σ²·ρ, see `FilterState.autocorrelation`. The ρ is that of the arm, as in the filter: what one
+    joint shows is too uncertain, and of a ρ near 0 the seventh root is anything.
     """
-    var = state.step_var + state.product
-    rho = np.where(var > 0, state.product / np.where(var > 0, var, 1.0), 0.0)
+    rho = np.repeat(state.correlation_seen(joints_per_arm), joints_per_arm)
     known = (rho > 0) & (rho < 1)
-    over = np.where(known, rho, 0.5) ** longer
-    return replace(
-        state,
-        step_var=np.where(known, var * (1.0 - over), state.step_var),
-        product=np.where(known, var * over, state.product),
-    )
+    before = np.where(known, rho, 0.5)
+    step_var = np.where(known, state.step_var * (1.0 - before**longer) / (1.0 - before), state.step_var)
+    return replace(state, step_var=step_var, product=state.product + (state.step_var - step_var))
 
 
 def inside_work(state: FilterState, temperature_c: Array, margin_k: float) -> np.ndarray:

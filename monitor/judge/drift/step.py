@@ -211,7 +211,7 @@ def learn_from_work(state: DriftState, joint: JointReplay, drift: DriftSettings,
     updated = update_filter(before, seen, np.full(state.joints, SLOTS), state.joints_per_arm, drift, replay_slot=state.slot)
     resolved = np.isfinite(seen.log_torque)
     learnt = resolved & updated.learnt_from
-    updated = widen_range(observed(updated, resolved, learnt), seen.temperature_c, learnt)
+    updated = widen_range(observed(updated, resolved, learnt, state.joints_per_arm), seen.temperature_c, learnt)
     updated = remember_unconfirmed(before, updated, resolved)
     counted = count_from_lowest(swapped(updated), joint.days, drift, joint.worked)
     return StepResult(replace(state, filter_state=counted), seen, inside, np.zeros(state.joints, dtype=bool))
@@ -223,7 +223,7 @@ def update_by_replay(state: DriftState, joint: JointReplay, observation: Observa
     if joints.sources is None:
         return update_filter(joints, observation, state.slot, J, drift)
     updated = update_filter(arbitrate(joints, observation, state.slot, J, drift), observation, state.slot, J, drift)
-    return confirmed(observed(updated, joint.replayed, updated.learnt_from), joint.replayed & updated.learnt_from)
+    return confirmed(observed(updated, joint.replayed, updated.learnt_from, J), joint.replayed & updated.learnt_from)
 
 
 def per_joint(state: DriftState, replay: Replay) -> JointReplay:
