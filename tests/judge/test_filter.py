@@ -205,3 +205,12 @@ def test_unresolved_friction_is_nan():
     assert np.array_equal(np.isfinite(observed.log_torque), [True, False, False, False, False, True])
     assert observed.log_torque[0] == pytest.approx(np.log(5.4))
     assert observed.variance[0] == pytest.approx(0.01 / 5.4**2)
+
+
+def test_replays_within_minutes_do_not_make_every_later_one_a_holiday():
+    """Five replays within half an hour, as at commissioning, then one a day: the usual interval is a day again within weeks."""
+    days = [*(5.0 * k / 1440.0 for k in range(5)), *np.arange(1.0, 41.0)]
+    arm, history = Arm(seed=6), History()
+    for day in days:
+        history.add(day, arm.replay(30.0))
+    assert history.last.belief.filter_state.interval_days == pytest.approx(1.0, rel=0.15)

@@ -179,6 +179,16 @@ def test_the_first_observations_of_a_source_set_its_interval_and_leave_the_prior
     assert after.step_var == pytest.approx(state.step_var)
 
 
+def test_observations_within_minutes_do_not_make_every_later_one_a_holiday(plant):
+    state = plant.history.last.belief.filter_state
+    state = replace(state, sources=replace(state.sources, interval_days=np.full(6, 0.01)))
+    everyone = np.ones(6, dtype=bool)
+    for _ in range(40):
+        state = replace(state, sources=replace(state.sources, since_days=np.ones(6)))
+        state = observed(state, everyone, everyone, 6)
+    assert state.sources.interval_days == pytest.approx(1.0, rel=0.15)
+
+
 def test_the_size_of_each_joints_noise_stays_when_replays_become_frequent(plant):
     """Weekly replays showed the same noise in each joint, and its correlation only to ±0.1. Now they are daily, and back."""
     state, settings = plant.history.last.belief.filter_state, DriftSettings()

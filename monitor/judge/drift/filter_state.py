@@ -52,7 +52,8 @@ LAG_SERIES_MIN = 2.0
 LONGEST_LAG_MIN = 30.0  # more is not believed of a joint whose friction hardly depends on temperature, so that its lag is not known
 LEAST_SLOPE = 1e-3  # [1/K] the same: β of less says nothing of the lag
 WARMING_REPLAYS = 60.0  # memory of the usual warming rate
-HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval
+HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval …
+LEAST_USUAL_DAYS = 1.0  # … or times a day where it is less: after replays within minutes, every later one would be a holiday
 SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
 ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay was to a joint; the filter learns from the first three
 
@@ -433,6 +434,6 @@ def remember_warming(state: FilterState, warming_k_per_min: Array) -> FilterStat
 
 def update_interval(state: FilterState, days: Array) -> FilterState:
     """The state with the usual interval after a replay that came `days` (N,) after the last one. A holiday does not change it."""
-    usual = (days > 0) & (days < HOLIDAY * state.interval_days)
+    usual = (days > 0) & (days < HOLIDAY * np.maximum(state.interval_days, LEAST_USUAL_DAYS))
     step = np.log(np.where(usual, days, state.interval_days) / state.interval_days) / (np.minimum(state.replays, 10.0) + 1.0)
     return replace(state, interval_days=state.interval_days * np.exp(step))

@@ -17,6 +17,7 @@ import numpy as np
 from monitor.judge.drift.filter_state import (
     DIFFUSE_VAR,
     HOLIDAY,
+    LEAST_USUAL_DAYS,
     NOISE,
     RATE,
     STEP,
@@ -124,7 +125,7 @@ def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray, joints_pe
     """The state with the clock of the source in force after an observation of the joints in `here` (N,); `learnt` (N,): learned from."""
     s = _sources(state)
     days = s.since_days
-    usual = here & (days > 0) & (days < HOLIDAY * s.interval_days)
+    usual = here & (days > 0) & (days < HOLIDAY * np.maximum(s.interval_days, LEAST_USUAL_DAYS))
     step = np.log(np.where(usual, days, s.interval_days) / s.interval_days) / (np.minimum(s.number, 10.0) + 1.0)
     longer = np.where(s.number >= NOISE_LEARNT, np.exp(step), 1.0)
     return replace(
