@@ -157,14 +157,17 @@ def test_validation_figures_follow_their_definitions():
     assert np.all(figures.rms_nm < 0.2 * figures.nominal_rms_nm)  # friction alone is most of a wrist's torque
 
 
-def test_a_joint_that_stands_still_has_no_friction_to_report():
+@pytest.mark.parametrize("friction", ["paper", "load"])
+@pytest.mark.parametrize("method", ["ls", "wls"])
+def test_a_joint_that_stands_still_has_no_friction_to_report(method, friction):
     """Its fc, fv and their standard deviations are NaN, there are warnings, and the other joints are as without it."""
     still = excitation(UR5)
     still = replace(still, a_rad_s=still.a_rad_s * [1, 1, 1, 1, 1, 0], b_rad_s=still.b_rad_s * [1, 1, 1, 1, 1, 0])
     t_s, (q, qd, qdd) = still.sampled(125.0)
     rigid = rigid_torque(UR5, GROUND, q, qd, qdd) + ROTOR_KG_M2 * qdd
     known = Truth(t_s, q, qd, qdd, rigid + COULOMB_NM * np.tanh(qd / 0.001) + VISCOUS * qd)
-    found = identify_motions([exact_motion(known)], [known.torque], UR5, GROUND)
+    options = IdentifyOptions(method=method, friction=friction)
+    found = identify_motions([exact_motion(known)], [known.torque], UR5, GROUND, options)
     assert np.isnan(found.coulomb_nm[5])
     assert np.all(np.isnan(found.friction_cov[5]))
     np.testing.assert_allclose(found.coulomb_nm[:5], COULOMB_NM[:5], rtol=1e-7)

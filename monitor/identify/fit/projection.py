@@ -31,8 +31,9 @@ def projection(problem: FitProblem, loads: Sequence[Array], found: Fit) -> Array
             for eq, load in zip(problem.equations, loads, strict=True)
         ]
         line = np.concatenate(columns)  # (n, K)
-        if len(line):
-            M[layout.friction[j, :, None], own] = np.linalg.lstsq(line[:, :2], line, rcond=None)[0]
+        nearest, _, rank, _ = np.linalg.lstsq(line[:, :2], line, rcond=None)
+        if rank == 2:  # else the joint's rows show no line, and fc and fv stay as unknown as they are
+            M[layout.friction[j, :, None], own] = nearest
     return M
 
 
