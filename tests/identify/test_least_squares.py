@@ -5,7 +5,7 @@ import pytest
 from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
-from monitor.identify.fit.jackknife import jackknife_covariance
+from monitor.identify.fit.jackknife import WINDOW_STEPS, jackknife_covariance, jackknife_covariances
 from monitor.identify.fit.least_squares import (
     Factor,
     Rows,
@@ -197,3 +197,34 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance(arm):
     P = jackknife_covariance([rec], 1.0 / SCALE_NM, solution)
     assert np.max(np.abs(P - P.T)) <= 1e-12 * np.max(P)
     assert np.linalg.eigvalsh(P)[0] > -1e-12 * np.max(P)
+
+
+def test_the_covariance_is_that_of_fits_without_one_block_after_the_other():
+    """Two recordings of different length, one with a hole, in steps that end anywhere. That leverages are limited changes 1e-3 at most."""
+    rng, w = np.random.default_rng(3), np.array([1.0, 2.0, 0.5])
+    recordings, steps = [], []
+    for number, (samples, hole) in enumerate(((900, 350), (520, 0))):
+        Y, used = rng.normal(size=(samples, 3, 4)), rng.random((samples, 3)) < 0.8
+        segments = (np.arange(samples) >= hole).astype(int)
+        numbers = np.unique(1000 * segments + np.cumsum(rng.random(samples) < 1 / 9), return_inverse=True)[1]
+        recordings.append(Rows(Y, rng.normal(size=(samples, 3)), used, numbers, segments))
+        steps += [(number, segments[numbers == k][0], np.flatnonzero(numbers == k)) for k in range(numbers[-1] + 1)]
+    whole = solve(factors(recordings), w, np.zeros(4))
+
+    def without(block):
+        keep = [rec.used.copy() for rec in recordings]
+        for number, _, samples in block:
+            keep[number][samples] = False
+        return solve(factors([rec._replace(used=used) for rec, used in zip(recordings, keep, strict=True)]), w, np.zeros(4)).values
+
+    residuals = [rec.torque_nm - rec.Y @ whole.values for rec in recordings]
+    found = jackknife_covariances(recordings, w, whole, [residuals, [2.0 * left for left in residuals]])
+    longest = max(sum(step[:2] == run for step in steps) for run in {step[:2] for step in steps})
+    longer = min(36, len(steps) // 8, longest // 2)
+    assert longer > WINDOW_STEPS
+    for width, (covariance, of_twice_the_noise) in ((WINDOW_STEPS, found.usual), (longer, found.longer)):
+        blocks = [steps[k : k + width] for k in range(len(steps) - width + 1) if steps[k][:2] == steps[k + width - 1][:2]]
+        off = np.array([whole.values - without(block) for block in blocks[:: width // WINDOW_STEPS]])
+        expected = (len(steps) / width - 1.0) * off.T @ off / len(off)
+        assert np.max(np.abs(covariance - expected)) < 1e-3 * np.max(expected)
+        np.testing.assert_allclose(of_twice_the_noise, 4.0 * covariance, rtol=1e-12)
