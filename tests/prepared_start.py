@@ -77,15 +77,17 @@ def put(streams: list[int], numbers: list[int]) -> None:
 
 def become(request: dict[str, Any]) -> None:
     """Do in this process what `python` does with these arguments. Its standard streams are there: they read and write the same numbers."""
-    if request["policy"] != os.sched_getscheduler(0):
+    what, *rest = request["arguments"]
+    real_time.wanted = request["real_time"]
+    preferred = PRIORITIES.get(rest[0]) if what == "-m" and real_time.wanted else None
+    if preferred is not None:
+        real_time.give(0, preferred)
+    # whoever asked may have given that priority already: it is not lost for a moment, in which others would go before
+    given = preferred is not None and os.sched_getscheduler(0) == os.SCHED_RR
+    if not given and request["policy"] != os.sched_getscheduler(0):
         os.sched_setscheduler(0, request["policy"], os.sched_param(0))
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
-    real_time.wanted = request["real_time"]
-    what, *rest = request["arguments"]
-    preferred = PRIORITIES.get(rest[0]) if what == "-m" else None
-    if real_time.wanted and preferred is not None:
-        real_time.give(0, preferred)
     if request["session"]:
         os.setsid()
     os.chdir(request["folder"])
