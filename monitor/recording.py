@@ -4,8 +4,8 @@ The letters of shapes are the same in all rooms: N samples, J joints, P paramete
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -120,6 +120,11 @@ class Recording:
         """Every signal of the recording, by the name of its field."""
         present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in {"context", "quality", "source"}}
         return {name: value for name, value in present.items() if value is not None}
+
+    def changed(self, names: Iterable[str], change: Callable[[Array], Array]) -> "Recording":
+        """The recording with the signals of these names changed, where it has them."""
+        found: dict[str, Any] = {name: change(signal) for name in names if (signal := getattr(self, name)) is not None}
+        return replace(self, **found)
 
     @property
     def mean_temperature_c(self) -> Array | None:

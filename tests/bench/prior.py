@@ -10,8 +10,8 @@ know the noise and the temperature of the grease, the second one the level of ea
 """
 
 import argparse
-from dataclasses import fields, is_dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from monitor.recording import Array
 from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
 from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, judged_days
+from tests.synthetic_arm import of_arm
 
 DAYS, ONSETS, STEP, LEARNING = 130, (10, 60), 0.05, 8
 FALSE_PER_YEAR = (0.2, 0.1, 0.05)
@@ -65,15 +66,6 @@ def fleet_prior(arms: int, days: int, settings: FleetSettings) -> FleetPrior:
     learnt = [LearntArm(f"arm-{k}", settings.robot, of_arm(state, k), float(days)) for k in range(arms)]
     document = learn_prior(learnt, ASSESS.drift, ASSESS.temperature)
     return prior_from_document(document, settings.robot, J, settings.reference_speed_rad_s, digest="0")
-
-
-def of_arm(value: Any, k: int) -> Any:
-    """The part of one arm in a state of many."""
-    if isinstance(value, np.ndarray):
-        return value[J * k : J * (k + 1)]
-    if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{field.name: of_arm(getattr(value, field.name), k) for field in fields(value)})
-    return value
 
 
 def lived(settings: FleetSettings, prior: FleetPrior | None) -> tuple[Margins, Watched]:

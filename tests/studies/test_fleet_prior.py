@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from command_line import ended
 from hypothesis import given
 from hypothesis import strategies as st
 from lived_monitor import configuration, identified, live_through
+from synthetic_arm import of_arm
 
 from monitor.assess import AssessSettings
 from monitor.config.load import from_document
@@ -41,15 +42,6 @@ def lived(arms, days, *, seed=1, assess=ASSESS, steeper=1.0, **settings):
             truth = np.log(fleet.torque(state.reference_temperature_c.reshape(arms, -1), np.ones((arms, fleet.joints))))
             held.append(interval_holds(truth.ravel(), state, assess.drift))
     return state, float(np.mean(held)) if held else math.nan
-
-
-def of_arm(value, k):
-    """The part of one arm in a state of many."""
-    if isinstance(value, np.ndarray):
-        return value[6 * k : 6 * k + 6]
-    if is_dataclass(value):
-        return replace(value, **{field.name: of_arm(getattr(value, field.name), k) for field in fields(value)})
-    return value
 
 
 @pytest.fixture(scope="module")

@@ -36,11 +36,9 @@ class Causes:
             E = self._terms
             columns = np.empty((len(self.rows[-1].torque_nm), torque.shape[1], E + len(OTHER_CAUSES)), order="F")
             columns[:, :, :E] = eq.extra_columns(law, found.solution.values[:B], problem.layout)[::every]
-            columns[:, :, E], columns[:, :, E + 3] = (
-                -moved.rate_hz * np.gradient(torque, axis=0)[::every],
-                1.0,
-            )  # of a torque that comes later
+            columns[:, :, E] = -moved.rate_hz * np.gradient(torque, axis=0)[::every]  # of a torque that comes later
             columns[:, :, E + 1 : E + 3] = moved.rounded(warming)[::every]
+            columns[:, :, E + 3] = 1.0
             self._columns.append(columns)
         if every == 1:
             self._joints = Beside(self.rows, found.joints).with_own(self._columns)

@@ -37,7 +37,8 @@ def jackknife_covariance(recordings: Sequence[Rows], weights: Array, solution: S
     It says how the residual of these recordings moves the parameters. It does not say what changes from one replay to the next.
     Raises Unidentifiable where the unbroken stretches are shorter than two blocks.
     """
-    (covariance,) = _covariances(recordings, weights, solution, [residuals_of(recordings, solution.values)], [WINDOW_STEPS])[0]
+    residuals = [residuals_of(recordings, solution.values)]
+    (covariance,) = _covariances(recordings, _runs(recordings), weights, solution, residuals, [WINDOW_STEPS])[0]
     return covariance
 
 
@@ -58,14 +59,22 @@ def jackknife_covariances(
     runs = _runs(recordings)
     longest = int(np.max(np.bincount(_run_numbers(runs))))
     long = max(WINDOW_STEPS, min(LONG_STEPS, len(runs) // FEWEST_LONG, longest // 2))
-    return Covariances(*_covariances(recordings, weights, solution, residuals, [WINDOW_STEPS, long]))
+    return Covariances(*_covariances(recordings, runs, weights, solution, residuals, [WINDOW_STEPS, long]))
 
 
 def _covariances(
-    recordings: Sequence[Rows], weights: Array, solution: Solution, residuals: Sequence[Sequence[Array]], widths: Sequence[int]
+    recordings: Sequence[Rows],
+    runs: Sequence[tuple[int, int]],
+    weights: Array,
+    solution: Solution,
+    residuals: Sequence[Sequence[Array]],
+    widths: Sequence[int],
 ) -> list[list[Array]]:
-    """Of each width the S covariances with blocks of so many steps. Raises Unidentifiable where too few such blocks are unbroken."""
-    runs, T = _runs(recordings), solution.directions  # (B, r)
+    """Of each width the S covariances with blocks of so many steps. Raises Unidentifiable where too few such blocks are unbroken.
+
+    runs : `_runs` of the recordings.
+    """
+    T = solution.directions  # (B, r)
     # of longer blocks as many staggered partitions as of the usual ones
     windows = [_windows(runs, width)[:: width // WINDOW_STEPS] for width in widths]
     ends = [set((first + width).tolist()) for first, width in zip(windows, widths, strict=True)]

@@ -1,9 +1,7 @@
 """Recordings of arms whose motors are coupled, in the positions of the motors."""
 
-from dataclasses import replace
-
 from monitor.model.robot import Robot
-from monitor.recording import Array, Recording
+from monitor.recording import Recording
 
 
 def at_motors(recording: Recording, robot: Robot) -> Recording:
@@ -13,16 +11,4 @@ def at_motors(recording: Recording, robot: Robot) -> Recording:
     """
     if robot.coupling is None or robot.recorded_at_motors or recording.joints != robot.joints:
         return recording
-
-    def moved(x: Array | None) -> Array | None:
-        return None if x is None else robot.motors_of(x)
-
-    return replace(
-        recording,
-        q=robot.motors_of(recording.q),
-        qd=moved(recording.qd),
-        qdd=moved(recording.qdd),
-        target_q=moved(recording.target_q),
-        target_qd=moved(recording.target_qd),
-        target_qdd=moved(recording.target_qdd),
-    )
+    return recording.changed(("q", "qd", "qdd", "target_q", "target_qd", "target_qdd"), robot.motors_of)

@@ -4,8 +4,7 @@ A recording says its motion twice, by positions and by speeds. A row that was to
 plausible its numbers are: |Δq − q̇·Δt| of a sound row is a fraction of a millirad.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,19 +37,7 @@ class SoundRows(NamedTuple):
 
 def along_samples(recording: Recording) -> Recording:
     """The recording with memory that runs along the samples: the checks go joint by joint, ten times as fast as across the joints."""
-
-    def moved(x: Array | None) -> Array | None:
-        return None if x is None else np.asfortranarray(x)
-
-    return replace(
-        recording,
-        q=np.asfortranarray(recording.q),
-        qd=moved(recording.qd),
-        qdd=moved(recording.qdd),
-        current=moved(recording.current),
-        torque=moved(recording.torque),
-        temperature_c=moved(recording.temperature_c),
-    )
+    return recording.changed(("q", "qd", "qdd", "current", "torque", "temperature_c"), np.asfortranarray)
 
 
 def taken(x: Array, rows: Indices) -> Array:
@@ -102,22 +89,25 @@ def usual_size(values: Array) -> Array:
 
 def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
     """(N,) rows that repeat the row before them number for number, time included: written twice, and measured once."""
-    same = np.zeros(len(keep), dtype=bool)
-    again = np.flatnonzero(rows["t_s"][keep[1:], 0] == rows["t_s"][keep[:-1], 0]) + 1  # most often none
-    same[again] = np.all([np.all(value[keep[again]] == value[keep[again - 1]], axis=1) for value in rows.values()], axis=0)
-    return same
+    return _repeats([rows["t_s"], *rows.values()], keep)
 
 
 def _held(rows: Mapping[str, Array], keep: Indices) -> Mask:
     """(N,) rows that repeat the signals of the row before them at a later time, although the arm moved on: a tick was missed."""
     held = np.zeros(len(keep), dtype=bool)
     if len(keep) and "qd" in rows:
-        signals = [value for key, value in rows.items() if key != "t_s"]
-        first = signals[0][keep, 0]
-        again = np.flatnonzero(first[1:] == first[:-1]) + 1  # few
-        held[again] = np.all([np.all(value[keep[again]] == value[keep[again - 1]], axis=1) for value in signals], axis=0)
-        held[again] &= np.any(np.abs(rows["qd"][keep[again]]) > HELD_SPEED_RAD_S, axis=1)
+        again = np.flatnonzero(_repeats([value for key, value in rows.items() if key != "t_s"], keep))
+        held[again] = np.any(np.abs(rows["qd"][keep[again]]) > HELD_SPEED_RAD_S, axis=1)
     return held
+
+
+def _repeats(signals: Sequence[Array], keep: Indices) -> Mask:
+    """(N,) rows that repeat the row before them in all signals; few do so in the first column of the first, and only these are compared."""
+    repeats = np.zeros(len(keep), dtype=bool)
+    first = signals[0][keep, 0]
+    again = np.flatnonzero(first[1:] == first[:-1]) + 1
+    repeats[again] = np.all([np.all(value[keep[again]] == value[keep[again - 1]], axis=1) for value in signals], axis=0)
+    return repeats
 
 
 def _longest_increasing(t_s: Array) -> Indices:

@@ -434,6 +434,14 @@ def remember_warming(state: FilterState, warming_k_per_min: Array) -> FilterStat
 
 def update_interval(state: FilterState, days: Array) -> FilterState:
     """The state with the usual interval after a replay that came `days` (N,) after the last one. A holiday does not change it."""
-    usual = (days > 0) & (days < HOLIDAY * np.maximum(state.interval_days, LEAST_USUAL_DAYS))
-    step = np.log(np.where(usual, days, state.interval_days) / state.interval_days) / (np.minimum(state.replays, 10.0) + 1.0)
-    return replace(state, interval_days=state.interval_days * np.exp(step))
+    return replace(state, interval_days=state.interval_days * interval_growth(days, state.interval_days, state.replays))
+
+
+def interval_growth(days: Array, interval_days: Array, number: Array) -> Array:
+    """(N,) factor on the usual interval after an observation `days` (N,) after the last one, `number` (N,) having been seen before.
+
+    It is 1 after a holiday, and where `days` is 0.
+    """
+    usual = (days > 0) & (days < HOLIDAY * np.maximum(interval_days, LEAST_USUAL_DAYS))
+    growth: Array = np.exp(np.log(np.where(usual, days, interval_days) / interval_days) / (np.minimum(number, 10.0) + 1.0))
+    return growth

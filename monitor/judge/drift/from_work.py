@@ -16,8 +16,6 @@ import numpy as np
 
 from monitor.judge.drift.filter_state import (
     DIFFUSE_VAR,
-    HOLIDAY,
-    LEAST_USUAL_DAYS,
     NOISE,
     RATE,
     STEP,
@@ -26,6 +24,7 @@ from monitor.judge.drift.filter_state import (
     WORK_LEVEL,
     WORK_NOISE,
     FilterState,
+    interval_growth,
 )
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
@@ -125,14 +124,13 @@ def observed(state: FilterState, here: np.ndarray, learnt: np.ndarray, joints_pe
     """The state with the clock of the source in force after an observation of the joints in `here` (N,); `learnt` (N,): learned from."""
     s = _sources(state)
     days = s.since_days
-    usual = here & (days > 0) & (days < HOLIDAY * np.maximum(s.interval_days, LEAST_USUAL_DAYS))
-    step = np.log(np.where(usual, days, s.interval_days) / s.interval_days) / (np.minimum(s.number, 10.0) + 1.0)
-    longer = np.where(s.number >= NOISE_LEARNT, np.exp(step), 1.0)
+    growth = interval_growth(np.where(here, days, 0.0), s.interval_days, s.number)
+    longer = np.where(s.number >= NOISE_LEARNT, growth, 1.0)
     return replace(
         correlated_over(state, longer, joints_per_arm),
         sources=replace(
             s,
-            interval_days=s.interval_days * np.exp(step),
+            interval_days=s.interval_days * growth,
             since_days=np.where(here, 0.0, days),
             number=s.number + (here & learnt),
         ),
