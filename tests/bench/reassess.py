@@ -54,6 +54,7 @@ PLANT = 1_830_000  # recordings of 1250 arms in a year, four a day
 ALONE = 30  # recordings that each process identifies, to see what the machine gains by its second core
 MADE = "made"  # file in the folder of an arm that has lived to its end
 PART_ARMS, PART_REPLAYS, OF_ONE = 33, 60, 3  # of a part; one arm in three is judged by one worker
+VOLUME_MB = 1024  # of the S3 server, whose eight volumes hold the 3 GB of a part
 NUMBERED = 1_000_000  # number in the recordings of the first arm; those of others have as many digits
 BEGAN_S, DAY_S = 1.7e9, 86_400.0
 
@@ -145,7 +146,7 @@ def served(place: Path, stack: ExitStack) -> Archive:
     from s3_server import KEYS, s3_server
 
     (place / "s3").mkdir()
-    server = stack.enter_context(s3_server(place / "s3"))
+    server = stack.enter_context(s3_server(place / "s3", VOLUME_MB))
     os.environ.update(AWS_ACCESS_KEY_ID=KEYS[0], AWS_SECRET_ACCESS_KEY=KEYS[1], AWS_ENDPOINT_URL=server.endpoint)
     return Archive.open(ArchiveSettings(address=f"s3://{server.bucket}/plant", endpoint=server.endpoint))
 

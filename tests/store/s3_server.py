@@ -168,8 +168,8 @@ def refusing_server(status: int, code: str, certificate: trustme.LeafCert | None
 
 
 @contextmanager
-def s3_server(folder: Path) -> Iterator[S3Server]:
-    """A server whose files are below `folder`, at ports that the kernel chooses."""
+def s3_server(folder: Path, volume_mb: int = 64) -> Iterator[S3Server]:
+    """A server whose files are below `folder`, at ports that the kernel chooses; it holds eight volumes of that size."""
     program = weed()
     reader = ("reader", "another-secret-of-the-tests")
     identities = [
@@ -178,17 +178,17 @@ def s3_server(folder: Path) -> Iterator[S3Server]:
     ]
     (folder / "s3.json").write_text(json.dumps({"identities": identities}))
     (folder / "data").mkdir(exist_ok=True)
-    server = _started(program, folder)
+    server = _started(program, folder, volume_mb)
     try:
         yield server
     finally:
         server.stop()
 
 
-def _started(program: str, folder: Path) -> S3Server:
+def _started(program: str, folder: Path, volume_mb: int) -> S3Server:
     """A server that answers; another process may take a port between the choice and the start."""
     for attempt in range(ATTEMPTS):
-        server = _at_free_ports(program, folder)
+        server = _at_free_ports(program, folder, volume_mb)
         try:
             server.start()
             return server
@@ -199,7 +199,7 @@ def _started(program: str, folder: Path) -> S3Server:
     raise AssertionError
 
 
-def _at_free_ports(program: str, folder: Path) -> S3Server:
+def _at_free_ports(program: str, folder: Path, volume_mb: int) -> S3Server:
     parts = ("master", "volume", "filer", "s3")
     with ExitStack() as stack:
         probes = [stack.enter_context(socket.socket()) for _ in range(2 * len(parts))]
@@ -210,6 +210,11 @@ def _at_free_ports(program: str, folder: Path) -> S3Server:
     for k, part in enumerate(parts):
         arguments += [f"-{part}.port={ports[2 * k]}", f"-{part}.port.grpc={ports[2 * k + 1]}"]
     arguments += [f"-s3.config={folder / 's3.json'}", "-s3.autoCreateBucket=false", "-s3.port.iceberg=0", "-s3.port.lance=0"]
-    arguments += ["-master.telemetry=false", "-master.volumeSizeLimitMB=64", "-volume.max=8", f"-filer.localSocket={folder / 'filer.sock'}"]
+    arguments += [
+        "-master.telemetry=false",
+        f"-master.volumeSizeLimitMB={volume_mb}",
+        "-volume.max=8",
+        f"-filer.localSocket={folder / 'filer.sock'}",
+    ]
     arguments += [f"-s3.localSocket={folder / 's3.sock'}", "-master.electionTimeout=1s"]
     return S3Server(folder, ports[6], arguments)
