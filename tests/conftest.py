@@ -1,5 +1,6 @@
 """What the tests share: where the real recordings are, and loopback addresses that no two tests use at once."""
 
+import atexit
 import gc
 import os
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: threads for matrices this small only wait for each other
 
+import forked_workers
 import prepared
 import pytest
 import real_time
@@ -61,18 +63,17 @@ MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
-    """What is made while the tests are read stays: to look for rubbish in it again and again takes a third of that time, in each worker."""
+    """What is made while the tests are read stays: to look for rubbish in it again and again takes a third of that time, in each worker.
+
+    It goes with the process: libraries that count what is left at its end would tell it as leaks.
+    """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
+        atexit.register(gc.unfreeze)  # not before: the last searches for rubbish of pytest would go through all of it
         gc.enable()
-
-
-def pytest_unconfigure() -> None:
-    """What was kept goes with the process: libraries that count what is left at its end would tell it as leaks."""
-    gc.unfreeze()
 
 
 @pytest.hookimpl(tryfirst=True)  # before the plugin that puts the groups into the names: by these it distributes them
@@ -118,22 +119,24 @@ def _rank(item: pytest.Item) -> tuple[int, int, str]:
 
 def _place(item: pytest.Item) -> str:
     """A test's module, from the folder of all tests."""
-    return item.path.relative_to(ROOT / "tests").as_posix()
+    return _place_of(item.path)
+
+
+@cache
+def _place_of(module: Path) -> str:
+    return module.relative_to(ROOT / "tests").as_posix()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Tests are handed out in the order in which they are sorted: xdist would begin with the groups of the most tests, not the longest.
-
-    Each worker begins to read the tests at another folder: in a fresh copy it compiles those, and finds the others' compiled.
-    """
+    """Tests are handed out in the order in which they are sorted: xdist would begin with the groups of the most tests, not the longest."""
     if hasattr(config.option, "loadscopereorder"):
         config.option.loadscopereorder = False
-    worker = getattr(config, "workerinput", None)
-    if worker is not None and config.args == ["tests"]:
-        folders = sorted(path.name for path in (ROOT / "tests").iterdir() if (path / "__init__.py").exists() or any(path.glob("test_*.py")))
-        first = int(worker["workerid"].removeprefix("gw")) * len(folders) // worker["workercount"]
-        alone = sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))
-        config.args[:] = [f"tests/{name}" for name in (*folders[first:], *folders[:first], *alone)]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes(config: pytest.Config) -> None:
+    """The workers are forked from one process that has read the tests."""
+    forked_workers.fork_workers(config.args)
 
 
 @pytest.hookimpl(tryfirst=True)

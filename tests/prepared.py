@@ -47,7 +47,8 @@ class _Preparation:
         with theirs:
             command = [sys.executable, str(SERVER), str(theirs.fileno()), *IMPORTS[kind]]
             path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))  # this checkout, whatever is installed
-            alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no threads of numpy: a process with threads cannot be forked
+            # no threads of numpy, none of pyarrow's memory: a process with threads cannot be forked
+            alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "JE_ARROW_MALLOC_CONF": "background_thread:false"}
             environment = {**os.environ, "PYTHONPATH": path, **alone}
             self._process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, env=environment)
         self._wire.recv(1)  # the imports are done: from now on a start takes milliseconds, and orphans are adopted for no longer
@@ -103,6 +104,9 @@ def waiting() -> set[int]:
 class Process(subprocess.Popen):
     """`subprocess.Popen` of `[sys.executable, "-m", module, …]`, `["-c", code, …]` or `[script, …]` that saves the imports."""
 
+    def _kind(self, command: list[str]) -> str:
+        return KINDS.get(command[2], "monitor") if command[1] == "-m" else "monitor"
+
     def _execute_child(self, *given: Any, **named: Any) -> None:
         how = inspect.signature(subprocess.Popen._execute_child).bind(self, *given, **named).arguments
         command = list(map(str, how["args"]))
@@ -122,8 +126,7 @@ class Process(subprocess.Popen):
             "session": how["start_new_session"],
             "descriptors": [int(number) for number in how["pass_fds"]],
         }
-        kind = KINDS.get(command[2], "monitor") if command[1] == "-m" else "monitor"
-        self.pid = _preparation(kind).start(request, [*streams, *request["descriptors"]])
+        self.pid = _preparation(self._kind(command)).start(request, [*streams, *request["descriptors"]])
         self._child_created = True
         self._close_pipe_fds(*pipes)
 
