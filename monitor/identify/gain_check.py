@@ -18,7 +18,7 @@ from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base
-from monitor.model.regressor import felt_columns, felt_regressor
+from monitor.model.regressor import felt_columns, felt_weight
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices
 
@@ -96,7 +96,7 @@ class Weighed(NamedTuple):
 
     joints: tuple[int, ...]  # from 0
     nominal: list[Array]  # of each (n,): of the arm's own weight, by the manufacturer's masses
-    blocks: list[Array]  # of each (n, K): columns of the base parameters that it feels
+    blocks: list[Array]  # of each (n, K): columns of the base parameters whose weight it feels
     places: list[Indices]  # of each (K,): where these lie among the base parameters
     payload: Array  # (B, 4) base parameters of what a payload at the flange adds
 
@@ -109,16 +109,18 @@ class Weighed(NamedTuple):
             return None
         step = max(1, sum(eq.motion.samples for eq in problem.equations) // ROWS)
         q = np.concatenate([eq.motion.q[::step] for eq in problem.equations])
-        felt, still = felt_columns(base.columns, J, robot.innermost), np.zeros_like(q)
-        blocks = felt_regressor(robot, mounting, felt, q, still, still, still)
-        weights = [block @ nominal[places] for block, places in zip(blocks, felt.places, strict=True)]
+        weighty = np.flatnonzero(np.array(base.columns) % PER_JOINT < FIRST_MOMENTS)
+        felt = felt_columns([base.columns[k] for k in weighty], J, robot.innermost)
+        blocks = [block[0].T for block in felt_weight(robot, robot.gravity(mounting)[:, None], felt, q)]
+        places = [weighty[own] for own in felt.places]
+        weights = [block @ nominal[own] for block, own in zip(blocks, places, strict=True)]
         joints = [j for j, weight in enumerate(weights) if math.sqrt(float(np.mean(weight**2))) > HEAVY * robot.max_torque_nm[j]]
         last = PER_JOINT * (J - 1)
         return cls(
             joints=tuple(joints),
             nominal=[weights[j] for j in joints],
             blocks=[blocks[j] for j in joints],
-            places=[felt.places[j] for j in joints],
+            places=[places[j] for j in joints],
             payload=base.combination[:, last : last + FIRST_MOMENTS],
         )
 

@@ -16,13 +16,13 @@ import numpy as np
 import scipy
 
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import reduced, scattered, triangle
+from monitor.identify.fit.least_squares import FELT, reduced, scattered, triangle
 from monitor.identify.signals.motion import Motion
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
-from monitor.model.regressor import Felt, felt_columns, felt_under
+from monitor.model.regressor import Felt, felt_columns, felt_under, felt_weight
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Mask
 
@@ -142,7 +142,7 @@ class _Solved(NamedTuple):
     values: Array  # (B,)
     residual: Array  # (r,)
     A: Array  # (r, B) columns of unit length
-    solver: tuple[Array, bool]  # of AᵀA
+    factor: Array  # (B, B) the lower triangle is Cholesky's of AᵀA
 
 
 class _Problem:
@@ -159,19 +159,18 @@ class _Problem:
         self.nominal = np.append(base.combination @ robot.nominal_parameters(), np.zeros(free))  # (B,)
         step = max(1, sum(moved.samples for moved in motions) // samples)
         felt, W = felt_columns(base.columns, robot.joints, robot.innermost), len(self.weighty)
-        rows = [_rows(moved, torque, robot, felt, kinds < 4, step, offsets) for moved, torque in zip(motions, torques, strict=True)]
+        weights = felt_columns([base.columns[k] for k in self.weighty], robot.joints, robot.innermost)
+        rows = [_rows(moved, torque, robot, (felt, weights), step, offsets) for moved, torque in zip(motions, torques, strict=True)]
         factors, evidence = [], 0.0
         self.size = 0.0
         for j in range(robot.joints):
             A = np.concatenate([blocks[j][:, used[:, j]] for blocks, used in rows], axis=1)  # (K, n)
             if A.shape[1] <= B + 3 * W + 1:
                 continue  # the joint hardly moves
-            feels = np.zeros(B, dtype=bool)
-            feels[felt.places[j]] = True
-            weighty = np.flatnonzero(feels[self.weighty])
             own = [base.count + j] if offsets else []
-            places = np.concatenate([felt.places[j], own, *(B + k * W + weighty for k in range(3)), [B + 3 * W]]).astype(np.intp)
-            acts = np.any(A != 0.0, axis=1)
+            places = np.concatenate([felt.places[j], own, *(B + k * W + weights.places[j] for k in range(3)), [B + 3 * W]]).astype(np.intp)
+            size = np.linalg.norm(A, axis=1)
+            acts = size > FELT * np.max(size)
             R = scattered(reduced(A[acts].T), places[acts], B + 3 * W + 1)
             # gravity is free in each sample's direction here, so the residual is noise and friction that no law describes
             n = A.shape[1]
@@ -198,12 +197,15 @@ class _Problem:
         A = self.still.copy()
         A[:, self.weighty] += np.tensordot(up, self.pull, axes=1)
         norms = np.linalg.norm(A, axis=0)
-        A /= np.where(norms > 0.0, norms, 1.0)
+        scale = np.where(norms > 0.0, norms, 1.0)
+        A /= scale
         gram = A.T @ A  # (B, B) of unit diagonal
-        gram[np.diag_indices_from(gram)] += RIDGE
-        solver = scipy.linalg.cho_factor(gram, overwrite_a=True, check_finite=False)
-        scaled = scipy.linalg.cho_solve(solver, A.T @ self.torque, check_finite=False)
-        return _Solved(scaled / np.where(norms > 0.0, norms, 1.0), self.torque - A @ scaled, A, solver)
+        gram.reshape(-1)[:: len(gram) + 1] += RIDGE
+        factor, failed = scipy.linalg.lapack.dpotrf(gram, lower=1, clean=0)
+        if failed:
+            raise np.linalg.LinAlgError("the equations hold no numbers")  # RIDGE is far above rounding
+        scaled = _back(factor, A.T @ self.torque)
+        return _Solved(scaled / scale, self.torque - A @ scaled, A, factor)
 
     def cost(self, up: Array) -> float:
         """Weighted sum of squared residuals with this direction up; up = 0: without gravity."""
@@ -219,10 +221,10 @@ class _Problem:
 
     def _slopes(self, up: Array) -> tuple[Array, Array, Array]:
         """Residual (r,), its derivatives (r, 2) along two tangents of the sphere (3, 2). The parameters follow the direction."""
-        values, residual, A, solver = self._solved(up)
-        tangents = np.linalg.svd(up[None])[2][1:].T  # (3, 2)
+        values, residual, A, factor = self._solved(up)
+        tangents = _tangents(up)
         moved = np.tensordot(tangents.T, self.pull @ values[self.weighty], axes=1).T  # (r, 2)
-        return residual, A @ scipy.linalg.cho_solve(solver, A.T @ moved, check_finite=False) - moved, tangents
+        return residual, A @ _back(factor, A.T @ moved) - moved, tangents
 
     def descend(self, up: Array, settled_rad: float = SETTLED_RAD) -> Array:
         """The nearest minimum: Gauss–Newton with Kaufman's derivative, damped so that the cost decreases."""
@@ -261,24 +263,34 @@ class _Problem:
         return math.sqrt(noise * float(np.sum(part / np.maximum(s, 1e-12 * self.size + 1e-300))))
 
 
-def _rows(moved: Motion, torque: Array, robot: Robot, felt: Felt, weighty: Mask, step: int, offsets: bool) -> tuple[list[Array], Mask]:
+def _rows(moved: Motion, torque: Array, robot: Robot, felt: tuple[Felt, Felt], step: int, offsets: bool) -> tuple[list[Array], Mask]:
     """Of each joint its columns (K, n), and the rows that count (n, J), of every `step`-th sample.
 
-    The columns are those without gravity, in the order of `felt`, one for an offset of the torque where there are `offsets`, those that
-    gravity along −x, −y and −z adds for the weights, and the torque.
+    felt : of all columns, and of those of the weights. The columns are those without gravity, in the order of `felt`, one for an offset of
+    the torque where there are `offsets`, those that gravity along −x, −y and −z adds for the weights, and the torque.
     """
     q, qd, qdd, direction = (signal[::step] for signal in (moved.q, moved.qd, moved.qdd, moved.direction))
-    ups = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    gravity = np.repeat([robot.gravity(mounting_with_up(up)) for up in ups], len(q), axis=0).T  # all at once: one pass over the links
-    states = (np.tile(signal, (len(ups), 1)) for signal in (q, qd, qdd, direction))
-    blocks = []
-    for j, block in enumerate(felt_under(robot, gravity, felt, *states)):
-        top, bottom, ahead, aside = np.split(block.T, len(ups), axis=1)  # (K, n) each
-        still = 0.5 * (top + bottom)
-        heavy = weighty[felt.places[j]]
-        pulls = [ahead[heavy] - still[heavy], aside[heavy] - still[heavy], 0.5 * (top - bottom)[heavy]]
-        blocks.append(np.concatenate([still, np.ones((int(offsets), len(q))), *pulls, torque[None, ::step, j]]))
+    downward = np.stack([robot.gravity(mounting_with_up(up)) for up in np.eye(3)], axis=1)
+    still, pulls = felt_under(robot, np.zeros((3, 1)), felt[0], q, qd, qdd, direction), felt_weight(robot, downward, felt[1], q)
+    offset = np.ones((int(offsets), len(q)))
+    blocks = [
+        np.concatenate([own.T, offset, *pull, torque[None, ::step, j]]) for j, (own, pull) in enumerate(zip(still, pulls, strict=True))
+    ]
     return blocks, np.abs(qd) > STANDSTILL_SPEED_RAD_S
+
+
+def _back(factor: Array, b: Array) -> Array:
+    """The x of L Lᵀ x = b, where L is the lower triangle of `factor`."""
+    x, _ = scipy.linalg.lapack.dpotrs(factor, b, lower=1)
+    return np.asarray(x)
+
+
+def _tangents(up: Array) -> Array:
+    """(3, 2) two unit vectors at right angles to the unit vector `up` and to each other: Duff et al. (2017)."""
+    x, y, z = up.tolist()
+    sign = math.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    return np.array([[1.0 + sign * x * x * a, x * y * a], [sign * x * y * a, sign + y * y * a], [-sign * x, -y]])
 
 
 def _nudged(up: Array) -> Array:

@@ -8,7 +8,9 @@ The links from j outward act on joint j, and no others. So Y is upper block-tria
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -65,12 +67,20 @@ def felt_columns(columns: Sequence[int], joints: int, innermost: Sequence[int] |
 
     innermost : as in `Robot`, where motors are coupled; None: each joint's own.
     """
+    return _felt_columns(tuple(columns), joints, None if innermost is None else tuple(innermost))
+
+
+@lru_cache(maxsize=64)
+def _felt_columns(columns: tuple[int, ...], joints: int, innermost: tuple[int, ...] | None) -> Felt:
+    """`felt_columns`, asked for several times in each identification."""
     first = range(joints) if innermost is None else innermost
     link, kind = np.divmod(np.asarray(columns), PER_JOINT)
     inertial = kind < INERTIAL
     places = tuple(
         np.concatenate([np.flatnonzero(inertial & (link >= i)), np.flatnonzero(~inertial & (link == j))]) for j, i in enumerate(first)
     )
+    for own in places:
+        own.flags.writeable = False  # shared by all who ask
     return Felt(places, tuple(tuple(kind[inertial & (link == i)].tolist()) for i in range(joints)))
 
 
@@ -118,27 +128,62 @@ def _fill(blocks: Sequence[Array], kinds: Sequence[Sequence[int]], robot: Robot,
     link[:, 2] = -gravity
     # axes of joints 1…J and their moment arms (axis × vector from the axis to the origin), in the present frame
     screw = np.zeros((3, 2, J, N))  # (xyz, [axis, arm], J, N)
-    scratch = np.empty((J, N))
     for i in range(J):
         v, w, dw, a = speed[i], link[:, 0], link[:, 1], link[:, 2]
         dw[0] += w[1] * v
         dw[1] -= w[0] * v
         dw[2] += acceleration[i]  # ω̇ + z q̈ + ω × z q̇
         w[2] += v
-        screw[2, 0, i] = 1.0
-
-        ca, sa = (0.0 if abs(x) < ROUNDING else x for x in (math.cos(robot.alpha_rad[i]), math.sin(robot.alpha_rad[i])))
-        seen = screw[:, :, : i + 1]  # (3, 2, i + 1, N)
-        for vectors in (link, seen):
-            _into_next(vectors, cos[i], sin[i], ca, sa)
-        y, d = robot.y_m[i], robot.d_m[i]
-        to_here = np.array([robot.a_m[i], ca * y + sa * d, ca * d - sa * y])  # origin i−1 → i, fixed in frame i
-        turning = _turning(w, dw)  # (3, 3, N)
+        seen, to_here = _next_frame(robot, i, cos[i], sin[i], screw, link)
+        squares = w[:, None] * w[None]  # ωωᵀ (3, 3, N)
+        turning = _turning(squares, dw)
         for k, length in enumerate(to_here):
             if length != 0.0:
                 a += turning[:, k] * length
-                _add_cross(seen[:, 1], seen[:, 0], k, length)
-        _link_block(blocks[i], kinds[i], seen, link, turning, scratch[: i + 1])
+        _link_block(blocks[i], kinds[i], seen, dw, a, squares, turning)
+
+
+def felt_weight(robot: Robot, gravity: Array, felt: Felt, q: Array) -> list[Array]:
+    """Of each joint what it feels of the weight of the links at rest under each of D gravities, (D, K, N).
+
+    gravity : (3, D) in DH frame 0 [m/s²]. felt : of masses and first moments alone. q : (N, J) [rad].
+    """
+    J, N, D, q = robot.joints, len(q), gravity.shape[1], robot.joints_of(q)
+    angle = q.T + robot.zero_rad[:, None]
+    cos, sin = np.cos(angle), np.sin(angle)
+    ends = np.cumsum([0, *(len(kinds) for kinds in felt.kinds)])
+    Y = np.zeros((J, D, int(ends[-1]), N))
+    pull, screw = np.repeat(-gravity[:, :, None], N, axis=2), np.zeros((3, 2, J, N))  # the base accelerates upward, as in `_fill`
+    for i, kinds in enumerate(felt.kinds):
+        axis, arm = _next_frame(robot, i, cos[i], sin[i], screw, pull)[0].swapaxes(0, 1)  # (3, i + 1, N) each
+        for place, kind in enumerate(kinds, ends[i]):
+            if kind == 0:
+                np.einsum("cin,cdn->idn", arm, pull, out=Y[: i + 1, :, place])
+            else:
+                row, column = kind % 3, (kind + 1) % 3
+                Y[: i + 1, :, place] = axis[column][:, None] * pull[row] - axis[row][:, None] * pull[column]
+    if robot.coupling is not None:
+        Y = np.tensordot(robot.share_of_motors, Y, 1)
+    first = ends[robot.innermost] if robot.coupling is not None else ends
+    return [Y[j, :, first[j] : first[j] + len(felt.places[j])] for j in range(J)]
+
+
+def _next_frame(robot: Robot, i: int, c: Array, s: Array, screw: Array, vectors: Array) -> tuple[Array, tuple[float, float, float]]:
+    """Axis and arm of joints 1 … i + 1 in the next link's frame, (3, [axis, arm], i + 1, N), and the way to its origin [m].
+
+    c, s : (N,) cosine and sine of the joint's angle. screw : (3, [axis, arm], J, N) and vectors (3, …, N) are taken along in place.
+    """
+    screw[2, 0, i] = 1.0
+    ca, sa = (0.0 if abs(x) < ROUNDING else x for x in (math.cos(robot.alpha_rad[i]), math.sin(robot.alpha_rad[i])))
+    seen = screw[:, :, : i + 1]
+    for each in (vectors, seen):
+        _into_next(each, c, s, ca, sa)
+    y, d = float(robot.y_m[i]), float(robot.d_m[i])
+    to_here = float(robot.a_m[i]), ca * y + sa * d, ca * d - sa * y  # origin i−1 → i, fixed in frame i
+    for k, length in enumerate(to_here):
+        if length != 0.0:
+            _add_cross(seen[:, 1], seen[:, 0], k, length)
+    return seen, to_here
 
 
 def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
@@ -163,15 +208,15 @@ def _into_next(v: Array, c: Array, s: Array, ca: float, sa: float) -> None:
         z -= across
 
 
-def _turning(w: Array, dw: Array) -> Array:
-    """(3, 3, N) S(ω̇) + S(ω)²: the acceleration that a point of the link has per metre from the origin. ω, ω̇ : (3, N)."""
-    turning = w[:, None] * w[None]  # ωωᵀ
-    squares = [turning[k, k].copy() for k in range(3)]
+def _turning(squares: Array, dw: Array) -> Array:
+    """(3, 3, N) S(ω̇) + S(ω)²: the acceleration that a point of the link has per metre from the origin. squares : ωωᵀ; ω, ω̇ : (3, N)."""
+    turning = np.empty_like(squares)
     for k in range(3):
         row, column = (k + 1) % 3, (k + 2) % 3
-        turning[k, k] = -(squares[row] + squares[column])
-        turning[row, column] -= dw[k]
-        turning[column, row] += dw[k]
+        np.add(squares[row, row], squares[column, column], out=turning[k, k])
+        np.subtract(squares[row, column], dw[k], out=turning[row, column])
+        np.add(squares[row, column], dw[k], out=turning[column, row])
+    np.negative(turning.reshape(9, -1)[::4], out=turning.reshape(9, -1)[::4])
     return turning
 
 
@@ -182,34 +227,33 @@ def _add_cross(total: Array, v: Array, k: int, length: float) -> None:
     total[column] -= v[row] * length
 
 
-def _link_block(block: Array, kinds: Sequence[int], screw: Array, link: Array, turning: Array, scratch: Array) -> None:
+def _link_block(block: Array, kinds: Sequence[int], screw: Array, dw: Array, a: Array, squares: Array, turning: Array) -> None:
     """Fill (i, K, N): the torque of these of one link's ten inertial parameters on each axis inward of it.
 
     The link's force is f = m·a + (S(ω̇) + S(ω)²)·mc, and its moment n = mc × a + Jω̇ + ω × Jω at its DH origin. The torque on an axis is
-    z·n + (z × r)·f. screw : (3, [axis, arm], i, N); link : (3, [ω, ω̇, a], N); turning : (3, 3, N); scratch : (i, N).
+    z·n + (z × r)·f. screw : (3, [axis, arm], i, N); dw, a : ω̇, a (3, N); squares : ωωᵀ, and turning : (3, 3, N).
     """
-    axis, arm, a = screw[:, 0], screw[:, 1], link[:, 2]
-    masses, ends = np.searchsorted(kinds, (1, 4))  # places of m, of the first moments, of the inertias
-    if masses:
-        np.einsum("cin,cn->in", arm, a, out=block[:, 0])
-    if ends > masses:
-        chosen = [kind - 1 for kind in kinds[masses:ends]]
-        np.einsum("cin,ckn->ikn", arm, turning[:, chosen] if len(chosen) < 3 else turning, out=block[:, masses:ends])
-    for place, kind in enumerate(kinds[masses:ends], masses):
-        into, row, column = block[:, place], kind % 3, (kind + 1) % 3  # z·(mc × a) = mc·(a × z)
-        into += np.multiply(a[row], axis[column], out=scratch)
-        into -= np.multiply(a[column], axis[row], out=scratch)
+    ends = bisect_left(kinds, 4)  # place of the inertias
+    if ends:
+        wrench = np.zeros((3, 2, ends, len(a[0])))  # (xyz, [n, f], K, N)
+        for place, kind in enumerate(kinds[:ends]):
+            if kind == 0:
+                wrench[:, 1, place] = a
+            else:
+                row, column = kind % 3, (kind + 1) % 3
+                wrench[:, 1, place] = turning[:, kind - 1]
+                wrench[column, 0, place] = a[row]
+                np.negative(a[column], out=wrench[row, 0, place])
+        np.einsum("cvin,cvkn->ikn", screw, wrench, out=block[:, :ends])
     if ends < len(kinds):
-        moment = _moment(link[:, 0], link[:, 1], [kind - 4 for kind in kinds[ends:]])
-        np.einsum("cin,ckn->ikn", axis, moment, out=block[:, ends:])
+        np.einsum("cin,ckn->ikn", screw[:, 0], _moment(squares, dw, [kind - 4 for kind in kinds[ends:]]), out=block[:, ends:])
 
 
-def _moment(w: Array, dw: Array, kinds: Sequence[int]) -> Array:
-    """(3, K, N): Jω̇ + ω × Jω by these of Jxx, Jxy, Jxz, Jyy, Jyz, Jzz, numbered from 0. ω, ω̇ : (3, N)."""
-    x, y, z = w
+def _moment(squares: Array, dw: Array, kinds: Sequence[int]) -> Array:
+    """(3, K, N): Jω̇ + ω × Jω by these of Jxx, Jxy, Jxz, Jyy, Jyz, Jzz, numbered from 0. squares : ωωᵀ (3, 3, N); dw : ω̇ (3, N)."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = squares
     dx, dy, dz = dw
-    xy, xz, yz = x * y, x * z, y * z
-    moment = np.empty((3, len(kinds), len(x)))
+    moment = np.empty((3, len(kinds), len(dx)))
     for place, kind in enumerate(kinds):
         a, b, c = moment[:, place]
         if kind == 0:
@@ -218,16 +262,16 @@ def _moment(w: Array, dw: Array, kinds: Sequence[int]) -> Array:
         elif kind == 1:
             np.subtract(dy, xz, out=a)
             np.add(dx, yz, out=b)
-            np.subtract(x * x, y * y, out=c)
+            np.subtract(xx, yy, out=c)
         elif kind == 2:
             np.add(dz, xy, out=a)
-            np.subtract(z * z, x * x, out=b)
+            np.subtract(zz, xx, out=b)
             np.subtract(dx, yz, out=c)
         elif kind == 3:
             np.negative(yz, out=a)
             b[:], c[:] = dy, xy
         elif kind == 4:
-            np.subtract(y * y, z * z, out=a)
+            np.subtract(yy, zz, out=a)
             np.subtract(dz, xy, out=b)
             np.add(dy, xz, out=c)
         else:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 STANDARD_GRAVITY_M_S2 = 9.80665
 MAX_LINKS = 8
 INERTIAL = 10  # m, mx, my, mz, Jxx, Jxy, Jxz, Jyy, Jyz, Jzz
+_UPPER = np.triu_indices(3)  # of a tensor, in the order of the ten
 PER_JOINT = 13  # the ten inertial parameters, then fc, fv, Im (rotor inertia referred to the joint)
 
 
@@ -158,12 +159,14 @@ class Robot:
 
         with_inertia : also the published tensors about the centres of mass. Friction and rotor inertia are zero.
         """
-        blocks = []
-        for mass, com, about_com in zip(self.mass_kg, self.com_m, self.inertia_kg_m2, strict=True):
-            steiner = mass * (com @ com * np.eye(3) - np.outer(com, com))
-            J = steiner + (about_com if with_inertia else 0.0)
-            blocks.append([mass, *(mass * com), J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2], 0.0, 0.0, 0.0])
-        return np.array(blocks).ravel()
+        first = self.mass_kg[:, None] * self.com_m
+        (x, y, z), (mx, my, mz) = self.com_m.T, first.T
+        J = np.stack([my * y + mz * z, -mx * y, -mx * z, mx * x + mz * z, -my * z, mx * x + my * y], axis=1)  # xx, xy, xz, yy, yz, zz
+        if with_inertia:
+            J += self.inertia_kg_m2[:, *_UPPER]
+        blocks = np.zeros((self.joints, PER_JOINT))
+        blocks[:, 0], blocks[:, 1:4], blocks[:, 4:INERTIAL] = self.mass_kg, first, J
+        return blocks.ravel()
 
     def gravity(self, mounting: Mounting) -> Array:
         """(3,) gravity in DH frame 0 [m/s²]; components of the size of rounding are zero, as in `Mounting.gravity_in_base`."""

@@ -1,5 +1,9 @@
 """The regressor as joints feel it, whole and in pieces, and columns added to factors that are known."""
 
+import gc
+import weakref
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +12,8 @@ from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.jackknife import jackknife_covariance
 from monitor.identify.fit.least_squares import Beside, Rows, factors, residual_rms, solve
 from monitor.model.base import base_parameters
-from monitor.model.regressor import felt_columns, felt_regressor, friction_columns, regressor
-from monitor.model.robot import Mounting, load_robot
+from monitor.model.regressor import felt_columns, felt_regressor, felt_weight, friction_columns, regressor
+from monitor.model.robot import PER_JOINT, Mounting, load_robot
 
 
 @pytest.mark.parametrize("model", ["ur5", "ur10e"])
@@ -26,6 +30,39 @@ def test_what_joints_feel_is_the_regressor_to_the_last_bit(model, mounting):
     for j, block in enumerate(blocks):
         rebuilt[:, j, where.places[j]] = block
     np.testing.assert_array_equal(rebuilt, whole[:, :, list(columns)])
+
+
+@pytest.mark.parametrize("coupling", [None, np.array([[1.0, 0, 0], [0.3, 1.0, 0], [0, -0.2, 1.0]])])
+def test_the_weight_that_joints_feel_is_the_regressor_at_rest(coupling):
+    """Each gravity by itself, also where the motors of the wrist are coupled."""
+    robot = load_robot("ur10e")
+    if coupling is not None:
+        robot = replace(robot, coupling=np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), coupling]]))
+    columns = [k for k in base_parameters(robot, Mounting(roll_rad=0.7)).columns if k % PER_JOINT < 4]
+    mountings = [Mounting(), Mounting(roll_rad=0.4, pitch_rad=0.2)]
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (50, 6))
+    where = felt_columns(columns, 6, robot.innermost)
+    gravity = np.stack([robot.gravity(mounting) for mounting in mountings], axis=1)
+    for j, block in enumerate(felt_weight(robot, gravity, where, q)):
+        for each, mounting in zip(block, mountings, strict=True):
+            whole = regressor(robot, mounting, q, np.zeros_like(q), np.zeros_like(q))[:, j, columns]
+            np.testing.assert_allclose(each.T, whole[:, where.places[j]], rtol=1e-12, atol=1e-12)
+            assert not np.delete(whole, where.places[j], axis=1).any()
+
+
+def test_the_memory_of_a_regressor_is_free_when_nobody_needs_it():
+    """It does not wait for the collector of circles: the next identification finds its memory where this one had it."""
+    block = np.random.default_rng(0).normal(size=(100, 4))
+    gc.disable()
+    try:
+        whole = Felt(100, 4, [np.arange(4)], lambda at: [block[at]])
+        part = whole.thinned(3, 4)
+        np.testing.assert_array_equal(part.at(slice(None))[0], block[::3])
+        held = weakref.ref(whole)
+        del whole, part
+        assert held() is None
+    finally:
+        gc.enable()
 
 
 def equations(seed, samples=900):

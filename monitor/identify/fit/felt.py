@@ -22,7 +22,9 @@ class Felt:
     def __init__(self, samples: int, unknowns: int, places: Sequence[Indices], make: Make) -> None:
         """From `make`, and `places`: of each joint, where the columns that it forms lie among the X unknowns."""
         self.samples, self.unknowns, self.places = samples, unknowns, tuple(places)
-        self._make, self._kept = make, make(slice(0, samples)) if samples <= PIECE else None
+        # what is kept is not made again: `make` may hold this object's parent, which holds this one, and memory held in a circle stays
+        kept = make(slice(0, samples)) if samples <= PIECE else None
+        self._make: Make = make if kept is None else lambda at: [block[at] for block in kept]
         self._thinned: dict[tuple[int, int], Felt] = {}  # a fit asks for the same ones several times
 
     @classmethod
@@ -44,7 +46,7 @@ class Felt:
 
     def at(self, samples: slice | Indices) -> list[Array]:
         """Of each joint the columns that it feels, (n, K), at these samples."""
-        return self._make(samples) if self._kept is None else [block[samples] for block in self._kept]
+        return self._make(samples)
 
     def pieces(self, length: int = PIECE) -> Iterator[tuple[slice, list[Array]]]:
         """The samples of each piece of at most this length, and `at` of them."""
