@@ -57,14 +57,14 @@ def jackknife_covariances(
     residuals : [s][r] is (N, J) [N·m] of estimate s for recording r.
     """
     runs = _runs(recordings)
-    longest = int(np.max(np.bincount(_run_numbers(runs))))
+    longest = int(np.max(np.bincount(runs), initial=0))
     long = max(WINDOW_STEPS, min(LONG_STEPS, len(runs) // FEWEST_LONG, longest // 2))
     return Covariances(*_covariances(recordings, runs, weights, solution, residuals, [WINDOW_STEPS, long]))
 
 
 def _covariances(
     recordings: Sequence[Rows],
-    runs: Sequence[tuple[int, int]],
+    runs: Indices,
     weights: Array,
     solution: Solution,
     residuals: Sequence[Sequence[Array]],
@@ -78,38 +78,52 @@ def _covariances(
     # of longer blocks as many staggered partitions as of the usual ones
     windows = [_windows(runs, width)[:: width // WINDOW_STEPS] for width in widths]
     ends = [set((first + width).tolist()) for first, width in zip(windows, widths, strict=True)]
-    moved: list[list[Array]] = [[] for _ in widths]  # of each block, (r, S)
+    moved: list[list[Array]] = [[] for _ in widths]  # of each block, (S, r)
     last = deque[Array](maxlen=max(widths) + 1)  # all sums of a long recording would fill the memory
+    without = _Without(T.shape[1], len(residuals))
     for k, sums in enumerate(_running_sums(recordings, weights, T, residuals)):
         last.append(sums)
         for width, ending, into in zip(widths, ends, moved, strict=True):
             if k in ending:
-                into.append(_without(last[-1 - width] - sums, T.shape[1]))
+                into.append(without.moved(last[-1 - width], sums))
     result = []
     for width, first, deltas in zip(widths, windows, moved, strict=True):
         blocks = len(runs) / width
         scale = blocks / len(first) * (blocks - 1.0) / blocks / HIGHEST_LEVERAGE**2
-        result.append([scale * delta.T @ delta for delta in np.stack(deltas, axis=0).transpose(2, 0, 1) @ T.T])
+        result.append([scale * delta.T @ delta for delta in (one @ T.T for one in np.stack(deltas, axis=1))])  # (W, B) each
     return result
 
 
-def _without(block: Array, r: int) -> Array:
-    """(r, S) how far the solution moves in z without a block.
+class _Without:
+    """How far the solution moves in z where one block of rows is left out; asked for hundreds of times, so in the same memory."""
 
-    block : (r + S, r + S) the sums of `_running_sums` over the block, all with a minus; it is overwritten.
-    The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
-    """
-    block.ravel()[: r * len(block) : len(block) + 1] += 1.0 / HIGHEST_LEVERAGE
-    rest, scores = block[:r, :r], -block[:r, r:]
-    _, moved, failed = scipy.linalg.lapack.dposv(rest, scores)
-    if failed:  # the rows are not quite orthonormal
-        moved[:] = np.linalg.solve(rest, scores)
-    return np.asarray(moved)
+    def __init__(self, r: int, estimates: int) -> None:
+        self._r, self._rest, self._scores = r, np.empty((r, r), order="F"), np.empty((estimates, r))
+        self._diagonal = self._rest.T.reshape(-1)[:: r + 1]
+
+    def moved(self, before: Array, after: Array) -> Array:
+        """(S, r) without the rows between two of the `_running_sums`, of which only the lower triangles are read.
+
+        The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
+        """
+        r = self._r
+        np.subtract(before[:r, :r], after[:r, :r], out=self._rest)
+        np.subtract(before[r:, :r], after[r:, :r], out=self._scores)
+        self._diagonal += 1.0 / HIGHEST_LEVERAGE
+        _, moved, failed = scipy.linalg.lapack.dposv(self._rest, self._scores.T, lower=1, overwrite_a=1)
+        if failed:  # the rows are not quite orthonormal
+            lower = np.tril(before - after)[:r, :r] + np.eye(r) / HIGHEST_LEVERAGE
+            moved = np.linalg.solve(lower + np.tril(lower, -1).T, self._scores.T)
+        return np.asarray(moved.T)
 
 
-def _runs(recordings: Sequence[Rows]) -> list[tuple[int, int]]:
-    """(K,) the recording and the unbroken stretch that each step lies in."""
-    return [(number, int(rec.segments[row])) for number, rec in enumerate(recordings) for row in _starts(rec)]
+def _runs(recordings: Sequence[Rows]) -> Indices:
+    """(K,) number of the unbroken stretch that each step lies in, from 0; a recording ends it too."""
+    changes = []
+    for rec in recordings:
+        segments = rec.segments[_starts(rec)]
+        changes.append(np.append(True, segments[1:] != segments[:-1])[: len(segments)])
+    return np.cumsum(np.concatenate(changes)) - 1
 
 
 def _starts(rec: Rows) -> Indices:
@@ -118,9 +132,12 @@ def _starts(rec: Rows) -> Indices:
 
 
 def _running_sums(recordings: Sequence[Rows], weights: Array, T: Array, residuals: Sequence[Sequence[Array]]) -> Iterator[Array]:
-    """Sums (r + S, r + S) of [Z e]ᵀ[Z e] over the steps before each step, and over all, of the rows Z = Y·T and residuals e, weighted."""
+    """Sums (r + S, r + S) of [Z e]ᵀ[Z e] over the steps before each step, and over all, of the rows Z = Y·T and residuals e, weighted.
+
+    Only the lower triangles are formed.
+    """
     r, size = T.shape[1], T.shape[1] + len(residuals)
-    sums = np.zeros((size, size))
+    sums = np.zeros((size, size), order="F")
     yield sums
     for number, rec in enumerate(recordings):
         starts, scaled, Y = _starts(rec), rec.root_weight * weights, Felt.of(rec.Y)  # (K,), (N, J)
@@ -134,23 +151,18 @@ def _running_sums(recordings: Sequence[Rows], weights: Array, T: Array, residual
             within = (starts < piece.stop) & (ends > piece.start)
             for first, end in zip((starts[within] - piece.start).tolist(), (ends[within] - piece.start).tolist(), strict=True):
                 rows = Z[max(0, first) : end].reshape(-1, size)
-                sums = rows.T @ rows + sums
+                sums = scipy.linalg.blas.dsyrk(1.0, rows.T, beta=1.0, c=sums, lower=1)
                 if end <= len(Z):  # else the step goes on in the next piece
                     yield sums
 
 
-def _run_numbers(runs: Sequence[tuple[int, int]]) -> Indices:
-    """(K,) number of the unbroken stretch of each step, from 0."""
-    return np.cumsum([k > 0 and runs[k] != runs[k - 1] for k in range(len(runs))])
-
-
-def _windows(runs: Sequence[tuple[int, int]], width: int) -> Indices:
+def _windows(runs: Indices, width: int) -> Indices:
     """(W,) first steps of the blocks of `width` neighbouring steps; each block begins one step after the block before it.
 
-    runs : the recording and the unbroken stretch of each step. No block reaches over a hole or into another recording.
+    runs : `_runs`. No block reaches over a hole or into another recording.
     Raises Unidentifiable where there are fewer blocks than two partitions hold.
     """
-    windows = [k for k in range(len(runs) - width + 1) if runs[k] == runs[k + width - 1]]
+    windows = np.flatnonzero(runs[: max(0, len(runs) - width + 1)] == runs[width - 1 :])
     if len(windows) < 2 * WINDOW_STEPS:
         raise Unidentifiable("the stretches without a gap are too short to say how sure the result is; expected several seconds unbroken")
-    return np.array(windows)
+    return windows
