@@ -68,10 +68,11 @@ class _Steps:
         change = np.abs(np.diff(qd, axis=0)) / dt[:, None]
         for j in range(q.shape[1]):
             moving = np.abs(qd[1:, j]) > MOVING_RAD_S
-            seen = off[moving, j] if moving.sum() >= WINDOW_ROWS else off[:, j]
+            count = np.count_nonzero(moving)
+            seen = off[moving, j] if count >= WINDOW_ROWS else off[:, j]
             self._noise[j] = 1.4826 * median(np.abs(seen))
-            self._still[j] = STILL_RAD if moving.mean() < HARDLY_MOVING else 0.0
-            self._acceleration[j] = 2.0 * quantile(change[moving, j] if moving.any() else change[:, j], 0.8)
+            self._still[j] = STILL_RAD if count < HARDLY_MOVING * len(moving) else 0.0
+            self._acceleration[j] = 2.0 * quantile(change[moving, j] if count else change[:, j], 0.8)
 
     def joined(self, before: Indices, after: Indices) -> Mask:
         """(n,) whether the rows `after` (n,) continue the rows `before` (n,)."""

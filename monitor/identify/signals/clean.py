@@ -13,7 +13,8 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clock import restored_clock
-from monitor.identify.signals.order import median, quantile, window_medians, window_starts
+from monitor.identify.signals.order import median, quantile
+from monitor.identify.signals.slopes import Slopes, slopes
 from monitor.identify.signals.speeds import check_speeds
 from monitor.recording import Array, Recording
 
@@ -27,8 +28,6 @@ BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; a jo
 BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
 WELL_SAMPLED_HZ = 10.0  # at a lower rate, differences of positions are no speeds
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a ratio
-WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
-WINDOW_ROWS = 17  # rows of such a window, at most
 FEWEST_WINDOWS = 20  # fewer give no ratio
 SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as suspicious or wrong
 RETURN_ROWS = 20  # a torn time is right again in the next row; a clock that is wrong for so many rows was set
@@ -69,11 +68,14 @@ def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
     if coarse is not None:
         recording = replace(recording, t_s=coarse[0])
         repairs.append(Repair("clock_restored", f"times are written in steps of {coarse[1]:.3g}, coarser than the ticks"))
-    for field, factor, text in _units(recording):
+    as_read, seen = recording, slopes(recording.t_s, recording.q, recording.qd)
+    for field, factor, text in _units(recording, seen):
         if factor != 1.0:
             recording = replace(recording, **{field: getattr(recording, field) * factor})
         repairs.append(Repair("unit_repaired" if factor != 1.0 else "clock_doubtful", text))
-    doubts = list(check_speeds(recording))  # it raises where the speeds are another signal
+    if recording is not as_read:
+        seen = slopes(recording.t_s, recording.q, recording.qd)
+    doubts = list(check_speeds(recording, seen))  # it raises where the speeds are another signal
     if not any(repair.code == "clock_doubtful" for repair in repairs):  # which is the same doubt for all joints
         repairs += [Repair("speeds_doubtful", doubt.text) for doubt in doubts]
     return recording, tuple(repairs)
@@ -104,16 +106,16 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
     return (cleaned, jumps) if jumps else (t_s, 0)
 
 
-def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
+def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, float, str]]:
     """(field, factor to SI, text) of every unit that is not of the SI, and of a suspicious clock (factor 1).
 
-    Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
+    seen : `slopes` of its positions. Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
     """
     name = recording.source or "recording"
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
     tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.nan
-    found = _ratio(t_s, q, qd)
+    found = _ratio(seen)
     speed_ratio, tolerance = (None, 0.0) if found is None else (found.value, SURE_STD * found.std)
     if speed_ratio is not None:
         for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
@@ -145,7 +147,7 @@ def _units(recording: Recording) -> Iterator[tuple[str, float, str]]:
         )
     if qdd is not None and qd is not None:
         scaled = qd / DEGREES if degrees_alone[1] or both else qd
-        acceleration_ratio = _ratio(t_s if tick < 1.0 else t_s * 1e-3, scaled, qdd)
+        acceleration_ratio = _ratio(slopes(t_s if tick < 1.0 else t_s * 1e-3, scaled, qdd))
         if acceleration_ratio is not None and _near(acceleration_ratio.value, 1.0 / DEGREES):
             yield "qdd", 1.0 / DEGREES, "accelerations are in degrees a second squared"
 
@@ -169,21 +171,14 @@ class _Ratio(NamedTuple):
     std: float  # relative
 
 
-def _ratio(t_s: Array, x: Array, rate: Array | None) -> _Ratio | None:
-    """The change of x (N, J) per time over its recorded rate (N, J), of the median joint; None with too little motion."""
-    if rate is None or len(t_s) < 10:
+def _ratio(seen: Slopes | None) -> _Ratio | None:
+    """The change of a signal per time over its recorded rate, of the median joint; None with too little motion."""
+    if seen is None:
         return None
     ratios = []
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        step = np.diff(t_s)
-        tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
-        length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS - 1))  # ripple and noise average out
-        first = window_starts(len(t_s), length)
-        dt = t_s[first + length] - t_s[first]
-        even = (dt > 0.0) & (dt < 1.5 * length * tick)
-        slopes = (x[first + length] - x[first]) / dt[:, None]  # (W, J)
-        middles = window_medians(rate, length)  # (W, J) a torn row has no influence
-        for slope, middle in zip(slopes.T, middles.T, strict=True):
+        even = (seen.dt > 0.0) & (seen.dt < 1.5 * seen.length * seen.tick)
+        for slope, middle in zip(seen.slope.T, seen.speed.T, strict=True):
             sound = even & (np.abs(slope) < 1e4) & (np.abs(middle) < 1e4)
             if np.sum(sound) < FEWEST_WINDOWS or not quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue

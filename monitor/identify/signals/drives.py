@@ -46,15 +46,16 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
     speed = taken(recording.qd, rows) if recording.qd is not None else np.gradient(recording.q[rows], t_s, axis=0)
     for j in range(value.shape[1]):
         moving = np.abs(speed[:, j]) > MOVING_RAD_S
-        if not moving.any():
+        count = np.count_nonzero(moving)
+        if not count:
             continue
         x, name = value[:, j], f"the {what} of joint {j + 1}"
         lengths, at = _runs(x, moving)
         long = lengths >= max(STUCK_ROWS, STUCK_S / tick)
-        share = float(np.sum(lengths[long]) / np.sum(moving))
-        if np.sum(moving) >= STUCK_ROWS and np.all(x[moving] == x[moving][0]):
-            yield Repair("current_stuck", f"{name} stays at {x[moving][0]:.4g} in all samples with motion: it was not measured there")
-        elif np.sum(lengths) > 0.5 * np.sum(moving) and _mean_run(lengths) * tick > HELD_S:
+        share = float(np.sum(lengths[long]) / count)
+        if count >= STUCK_ROWS and np.all((stuck_at := x[moving]) == stuck_at[0]):
+            yield Repair("current_stuck", f"{name} stays at {stuck_at[0]:.4g} in all samples with motion: it was not measured there")
+        elif np.sum(lengths) > 0.5 * count and _mean_run(lengths) * tick > HELD_S:
             yield Repair(
                 "current_held",
                 f"{name} changes every {1e3 * _mean_run(lengths) * tick:.0f} ms only (held or rounded): it comes late by half of that",
@@ -71,7 +72,7 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
 def _runs(x: Array, moving: Mask) -> tuple[Array, Indices]:
     """Length and first row of each run of two or more equal readings in moving rows."""
     equal = np.concatenate([[False], (x[1:] == x[:-1]) & moving[1:], [False]])
-    edges = np.flatnonzero(np.diff(equal.astype(int)))
+    edges = np.flatnonzero(equal[1:] != equal[:-1])
     return (edges[1::2] - edges[::2] + 1).astype(float), edges[::2]
 
 

@@ -6,17 +6,24 @@ import numpy as np
 
 from monitor.recording import Array, Indices
 
+NAN = np.float64(math.nan)  # numpy's: a division by it raises nothing
+SHORT = 512  # numbers: up to so many, sorting all is faster than parting them at two places
+
 
 def median(x: Array) -> float:
     """The median of x (n,); NaN where x is empty or holds NaN."""
-    found: float = medians(x[None])[0] if len(x) else np.float64(math.nan)  # numpy's: a division by it raises nothing
-    return found
+    n = len(x)
+    if not n:
+        return NAN
+    ordered = _ordered(x, (n - 1) // 2, n // 2)
+    found: float = (ordered[(n - 1) // 2] + ordered[n // 2]) / 2.0
+    return NAN if ordered[-1] != ordered[-1] else found
 
 
 def medians(x: Array) -> Array:
     """(…) medians along the last axis of x (…, n), n > 0; NaN where a row holds NaN."""
     n = x.shape[-1]
-    ordered = np.partition(x, sorted({(n - 1) // 2, n // 2, n - 1}), axis=-1)  # NaN stands last
+    ordered = _ordered(x, (n - 1) // 2, n // 2)
     middle: Array = (ordered[..., (n - 1) // 2] + ordered[..., n // 2]) / 2.0
     return np.where(np.isnan(ordered[..., -1]), np.nan, middle)
 
@@ -25,14 +32,20 @@ def quantile(x: Array, share: float) -> float:
     """The quantile of x (n,), with linear interpolation; NaN where x is empty or holds NaN."""
     n = len(x)
     if not n:
-        return np.float64(math.nan)
+        return NAN
     place = share * (n - 1)
     low = math.floor(place)
     high, part = min(low + 1, n - 1), place - low
-    ordered = np.partition(x, sorted({low, high, n - 1}))
+    ordered = _ordered(x, low, high)
     a, b = ordered[low], ordered[high]
     found: float = b - (b - a) * (1.0 - part) if part >= 0.5 else a + (b - a) * part
-    return np.float64(math.nan) if np.isnan(ordered[-1]) else found
+    return NAN if ordered[-1] != ordered[-1] else found
+
+
+def _ordered(x: Array, low: int, high: int) -> Array:
+    """The numbers of x (…, n), of which two places and the last one hold what sorting the last axis puts there. NaN stands last."""
+    n = x.shape[-1]
+    return np.sort(x, axis=-1) if n <= SHORT else np.partition(x, sorted({low, high, n - 1}), axis=-1)
 
 
 def quantiles(x: Array, share: float) -> Array:

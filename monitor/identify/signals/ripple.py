@@ -11,6 +11,7 @@ McCaffrey (2002), and few blocks make the deviation wider, as for Student's t.
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +132,7 @@ class _Case(NamedTuple):
     joint: int  # from 0
     order: int  # place in ORDERS
     rows: float  # number of rows
-    sums: Array  # (blocks, 2·H + 1, 2·H + 1) products of cosines, sines and current over each block of time
+    sums: Array  # (blocks, pairs) products of cosines, sines and current over each block of time, as `_products` gives them
 
 
 def _of_joint(
@@ -146,17 +147,20 @@ def _of_joint(
     frequency = speed * per_speed[:, None]  # (H, n) [Hz]
     fast = frequency > MOST_OF_RATE * rate_hz
     seen = (frequency >= LEAST_HZ) & ~fast
-    hidden = np.array([np.count_nonzero(a) < LEAST_SEEN * np.count_nonzero(a | b) for a, b in zip(seen, fast, strict=True)])
+    hidden = [np.count_nonzero(a) < LEAST_SEEN * (np.count_nonzero(a) + np.count_nonzero(b)) for a, b in zip(seen, fast, strict=True)]
     # rows in a row that are used alike: all else is computed from their sums
-    used_as = np.stack([direction, blocks, *seen])
-    starts = np.concatenate([[0], 1 + np.flatnonzero(np.any(used_as[:, 1:] != used_as[:, :-1], axis=0))])
-    way, block, *each_seen = used_as[:, starts]
-    rows, turned = np.diff(starts, append=len(blocks)).astype(float), np.add.reduceat(speed, starts)
+    used_as = 3.0 * blocks + direction
+    for each in seen:
+        used_as = 2.0 * used_as + each
+    ends = np.append(1 + np.flatnonzero(used_as[1:] != used_as[:-1]), len(blocks))
+    starts = np.append(0, ends[:-1])
+    way, block, each_seen = direction[starts], blocks[starts], seen[:, starts]
+    rows, turned = (ends - starts).astype(float), np.add.reduceat(speed, starts)
     products = _products(signals, starts)
     cases = []
     for this_way in (way > 0.0, way < 0.0):
-        for h in map(int, np.flatnonzero(~hidden)):
-            used = this_way & (each_seen[h] > 0.0)
+        for h in (h for h, unknown in enumerate(hidden) if not unknown):
+            used = this_way & each_seen[h]
             if used @ turned * per_speed[h] < LEAST_CYCLES * rate_hz:
                 continue
             changes = block[used][1:] != block[used][:-1]
@@ -174,7 +178,8 @@ def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
     """
     if not cases:
         return []
-    sums, lengths = np.concatenate([case.sums for case in cases]), [len(case.sums) for case in cases]
+    lengths, H = [len(case.sums) for case in cases], len(ORDERS)
+    sums = np.concatenate([case.sums for case in cases])[:, _pairs(2 * H + 1)]
     first = np.cumsum([0, *lengths[:-1]])
     gram, along = sums[:, :-1, :-1], sums[:, :-1, -1]
     whole, total = np.add.reduceat(gram, first, axis=0), np.add.reduceat(along, first, axis=0)
@@ -184,7 +189,6 @@ def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
         moved = np.linalg.solve(np.repeat(whole, lengths, axis=0) - gram, left[:, :, None])[:, :, 0]  # by the block that is left out
     except np.linalg.LinAlgError:  # waves that are one, as of a joint that turned to and fro by a thousandth of a turn
         return [None] if len(cases) == 1 else [_squares([case])[0] for case in cases]
-    H = len(ORDERS)
     orders, each = np.array([case.order for case in cases]), np.arange(len(sums))
     z = np.stack([b[np.arange(len(cases)), orders + part, 0] for part in (0, H)])  # (2, cases)
     places = [np.repeat(orders + part, lengths) for part in (0, H)]
@@ -206,13 +210,16 @@ def _squares(cases: Sequence[_Case]) -> list[tuple[float, float] | None]:
 
 
 def _products(signals: Array, starts: Indices) -> Array:
-    """(R, S, S) sums of the products of signals (S, n) over the runs of rows that begin at `starts`."""
-    S = len(signals)
-    products = np.empty((len(starts), S, S))
-    for a in range(S):
-        sums = np.add.reduceat(signals[a] * signals[a:], starts, axis=1).T  # (R, S − a)
-        products[:, a, a:], products[:, a:, a] = sums, sums
-    return products
+    """(R, pairs) sums of the products of signals (S, n) over the runs of rows that begin at `starts`, in the order of `_pairs`."""
+    return np.concatenate([np.add.reduceat(own * signals[a:], starts, axis=1) for a, own in enumerate(signals)]).T
+
+
+@lru_cache(maxsize=8)
+def _pairs(S: int) -> Indices:
+    """(S, S) place of each product among the S·(S + 1)/2 of `_products`."""
+    places = np.zeros((S, S), dtype=np.intp)
+    places[np.triu_indices(S)] = np.arange(S * (S + 1) // 2)
+    return np.maximum(places, places.T)
 
 
 def _high_pass(x: Array, width: int) -> Array:

@@ -11,12 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.order import median, medians, quantile, window_medians, window_starts
+from monitor.identify.signals.order import median, medians, quantile
+from monitor.identify.signals.slopes import Slopes, slopes
 from monitor.recording import Array, Recording
 
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a comparison
-WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
-WINDOW_ROWS = 16  # of such a window, at most
 FEWEST_WINDOWS = 20  # fewer say nothing
 USUAL = 0.75  # quantile of the speeds that stands for their size
 WRONG = 0.35  # of the speed's size: a larger mismatch is another signal
@@ -33,22 +32,24 @@ class SpeedDoubt(NamedTuple):
     text: str
 
 
-def check_speeds(recording: Recording) -> Iterator[SpeedDoubt]:
-    """The joints whose speeds are doubtful.
+def check_speeds(recording: Recording, seen: Slopes | None) -> Iterator[SpeedDoubt]:
+    """The joints whose speeds are doubtful. seen : `slopes` of its positions.
 
     Raises Unidentifiable where the speeds of a joint are another signal, with the likely reason: exchanged columns, a sign, a unit.
     """
-    windows = _windows(recording.t_s, recording.q, recording.qd)
-    if windows is None or recording.qd is None:
+    windows = _windows(recording.t_s, recording.q, recording.qd, seen)
+    if windows is None:
         return
     slope, speed, noise, lag = windows
     wrong = [_mismatch(slope[:, j], speed[:, j]) for j in range(slope.shape[1])]
-    moves = [_size(slope[:, j]) > MOVING_RAD_S or _size(speed[:, j]) > MOVING_RAD_S for j in range(slope.shape[1])]
-    beyond = [moves[j] and wrong[j] > max(WRONG, SURE * noise[j] / max(_size(slope[:, j]), MOVING_RAD_S)) for j in range(len(moves))]
+    size = [_size(slope[:, j]) for j in range(slope.shape[1])]
+    moves = [size[j] > MOVING_RAD_S or _size(speed[:, j]) > MOVING_RAD_S for j in range(len(size))]
+    unsure = [SURE * noise[j] / max(size[j], MOVING_RAD_S) for j in range(len(size))]
+    beyond = [moves[j] and wrong[j] > max(WRONG, unsure[j]) for j in range(len(size))]
     if any(beyond):
         raise Unidentifiable(f"{recording.source or 'recording'}: {_reason(recording, slope, speed, beyond)}: check the columns")
     for j, off in enumerate(wrong):
-        if moves[j] and off > DOUBTFUL + SURE * noise[j] / max(_size(slope[:, j]), MOVING_RAD_S):
+        if moves[j] and off > DOUBTFUL + unsure[j]:
             factor = float(slope[:, j] @ speed[:, j] / (slope[:, j] @ slope[:, j]))
             yield SpeedDoubt(j, f"{100 * off:.0f} % of the speed of joint {j + 1} is not the change of its position (factor {factor:.3g})")
         elif moves[j] and abs(lag[j]) > LATE_S:
@@ -62,7 +63,7 @@ def _reason(recording: Recording, slope: Array, speed: Array, beyond: list[bool]
     named = ", ".join(str(j + 1) for j in joints)
     of = f"joint{'s' if len(joints) > 1 else ''} {named}"
     if recording.qd is not None:
-        turned = _windows(recording.t_s, recording.qd, recording.q)
+        turned = _windows(recording.t_s, recording.qd, recording.q, slopes(recording.t_s, recording.qd, recording.q))
         if turned is not None and all(_mismatch(turned[0][:, j], turned[1][:, j]) < WRONG for j in joints):
             return f"the positions of {of} are the change of their speeds: q and q̇ are exchanged"
     if all(_mismatch(-slope[:, j], speed[:, j]) < EXPLAINS for j in joints):
@@ -108,21 +109,15 @@ def _ripple(x: Array) -> Array:
     return ripple
 
 
-def _windows(t_s: Array, x: Array, rate: Array | None) -> tuple[Array, Array, Array, Array] | None:
+def _windows(t_s: Array, x: Array, rate: Array | None, seen: Slopes | None) -> tuple[Array, Array, Array, Array] | None:
     """Change of x a second (W, J), median of its rate (W, J), noise of both together (J,), sure part of the rate's lag (J,) [s].
 
-    None with few rows.
+    seen : `slopes` of x. None with few rows.
     """
-    if rate is None or len(t_s) < FEWEST_WINDOWS:
+    if rate is None or seen is None or len(t_s) < FEWEST_WINDOWS:
         return None
+    tick, length, dt, slope, speed = seen
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        step = np.diff(t_s)
-        tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.inf
-        length = int(np.clip(WINDOW_S / tick, 2, WINDOW_ROWS))
-        first = window_starts(len(t_s), length)
-        dt = t_s[first + length] - t_s[first]
-        slope = (x[first + length] - x[first]) / dt[:, None]
-        speed = window_medians(rate, length)
         turn = 2.0 * math.pi / dt[:, None] * np.sign(slope)
         slope = np.where(np.abs(slope - turn - speed) < 0.1 * np.abs(slope - speed), slope - turn, slope)  # a turn is no motion
         sound = (dt > 0.0) & (dt < 1.5 * length * tick) & np.all(np.abs(slope) < 1e4, axis=1) & np.all(np.abs(speed) < 1e4, axis=1)
@@ -131,7 +126,7 @@ def _windows(t_s: Array, x: Array, rate: Array | None) -> tuple[Array, Array, Ar
     noise = np.hypot(_ripple(rate) * 1.25 / math.sqrt(length + 1), _ripple(x) * math.sqrt(2.0) / (length * tick))
     change = np.gradient(slope, axis=0) / (max(1, length // 2) * tick)  # acceleration
     lag = np.zeros(x.shape[1])
-    inner = sound & np.roll(sound, 1) & np.roll(sound, -1)
+    inner = sound & np.concatenate([sound[-1:], sound[:-1]]) & np.concatenate([sound[1:], sound[:1]])
     for j in range(x.shape[1]):
         left, a = slope[inner, j] - speed[inner, j], change[inner, j]
         strong = np.abs(a) > quantile(np.abs(a), 0.5) if len(a) else np.zeros(0, dtype=bool)
