@@ -16,6 +16,7 @@ from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Rows
 from monitor.identify.signals.filters import low_pass
+from monitor.identify.signals.order import median
 from monitor.identify.warnings import MOVING_SHARE, DataWarning, moving_share
 from monitor.model.friction import smooth_sign
 from monitor.model.robot import Robot
@@ -92,7 +93,7 @@ def _late(traces: _Traces, seen: Mask) -> Iterator[DataWarning]:
         return
     late, std = traces.late_s, traces.late_std_s
     sure = seen & (np.abs(late) > SURE * std)
-    middle = float(np.median(late[seen]))
+    middle = median(late[seen])
     # grip and wear of the gears make each joint's delay unsure; one clock delays all joints alike, and together they are sure
     certainty = np.where(seen, 1.0 / np.maximum(std, 1e-6) ** 2, 0.0)
     mean, mean_std = float(certainty @ np.nan_to_num(late) / np.sum(certainty)), float(1.0 / np.sqrt(np.sum(certainty)))
@@ -145,19 +146,20 @@ def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[
     smooth = low_pass(rate_hz / causes.every, 2, min(QUICK_HZ, 0.2 * rate_hz / causes.every))
     both, quick, size, drift, drifted = np.zeros((5, len(well)))  # sums of squares and products
     for rec, torque in zip(causes.rows, found.torques, strict=True):
-        measured, fitted = rec.torque_nm, torque[:: causes.every]
-        fast, expected = (np.where(rec.used, signal - smooth(signal), 0.0) for signal in (measured, fitted))
+        measured, fitted = both_torques = rec.torque_nm, torque[:: causes.every]
+        slow = np.split(smooth(np.concatenate(both_torques, axis=1)), 2, axis=1)
+        fast, expected = (np.where(rec.used, signal - rest, 0.0) for signal, rest in zip(both_torques, slow, strict=True))
         both, quick, size = both + np.sum(fast * expected, axis=0), quick + np.sum(expected**2, axis=0), size + np.sum(fitted**2, axis=0)
         aged = np.where(rec.used, np.linspace(-0.5, 0.5, len(fitted))[:, None] * fitted, 0.0)
         drift, drifted = drift + np.sum(aged * (measured - fitted), axis=0), drifted + np.sum(aged**2, axis=0)
     shown = well & (quick > QUICK_SHARE**2 * size)
-    if np.sum(shown) >= 0.5 * len(well) and (left := float(np.median(both[shown] / quick[shown]))) < SMOOTHED:
+    if np.sum(shown) >= 0.5 * len(well) and (left := median(both[shown] / quick[shown])) < SMOOTHED:
         yield DataWarning(
             "torque_smoothed",
             f"only {max(left, 0.0):.0%} of what current or torque would change faster than {QUICK_HZ:g} Hz is there: it was smoothed, "
             "and friction comes out too small",
         )
-    grown = float(np.median(drift[well] / np.maximum(drifted[well], 1e-300)))
+    grown = median(drift[well] / np.maximum(drifted[well], 1e-300))
     if abs(grown) > DRIFTS:
         yield DataWarning(
             "torque_drifts",

@@ -13,7 +13,7 @@ from monitor.identify.fit.causes import Causes
 from monitor.identify.fit.covariance import covariances, law_doubt, mapped, positive
 from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
 from monitor.identify.fit.fit import Fit, first_fit, fit, refit
-from monitor.identify.fit.least_squares import Solution, best_condition, condition_number
+from monitor.identify.fit.least_squares import Solution, best_condition, condition_number, together
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.fit.projection import mean_load, projection
 from monitor.identify.fit.selection import choose_law
@@ -135,13 +135,13 @@ def identify_motions(
     moving = np.concatenate(moves)
     errors = errors_of(measured, measured - np.concatenate(found.residuals), moving)
     fitted = np.flatnonzero(~problem.layout.rigid) if problem.layout.frozen else np.arange(base.count)
-    condition = condition_number(found.joints, fitted)
+    Y = together(found.joints)
     own_warnings = [*remarks_on.of_joints([moved.qd for moved in motions], moves), *remarks_on.of_robust_weights(found.rows)]
     excited = found.solution.excited[: base.count] | (problem.layout.rigid & problem.layout.frozen)
     own_warnings += remarks_on.of_solution(
         base.names,
         excited,
-        best_condition(found.joints, base.combination, fitted),
+        best_condition(Y, base.combination, fitted),
         len(measured),
         paper.coulomb_nm,
         paper.viscous_nm_s_per_rad,
@@ -166,7 +166,7 @@ def identify_motions(
         names=base.names,
         combination=base.combination,
         columns=base.columns,
-        condition_number=condition,
+        condition_number=condition_number(Y, fitted),
         temperature_c=mean_temperature(motions),
         max_speed_rad_s=np.max(np.abs(speeds), axis=0),
         mean_speed_rad_s=np.mean(np.abs(speeds), axis=0),

@@ -28,12 +28,13 @@ def residual_peak(q: Array, residual: Array, moving: Mask) -> Array:
     """
     peaks = np.full(q.shape[1], np.nan)
     for j in range(q.shape[1]):
-        place = np.floor(q[moving[:, j], j] / PLACE_RAD).astype(int)
-        if place.size == 0:
+        on = np.flatnonzero(moving[:, j])
+        if not len(on):
             continue
+        place = np.floor(q[on, j] / PLACE_RAD).astype(np.intp)
         first = int(place.min())
-        samples = np.bincount(place - first)
-        squares = np.bincount(place - first, residual[moving[:, j], j] ** 2)
+        place -= first
+        samples, squares = np.bincount(place), np.bincount(place, residual[on, j] ** 2)
         mean = np.where(samples >= LEAST_SAMPLES, squares / np.maximum(samples, 1), -1.0)
         peaks[j] = (first + int(np.argmax(mean)) + 0.5) * PLACE_RAD if mean.max() >= 0 else np.nan
     return peaks
@@ -153,14 +154,16 @@ def errors_of(measured: Array, predicted: Array, moving: Mask) -> Errors:
     measured, predicted : (N, J) [N·m]. moving : (N, J) the samples that count.
     """
     residual = measured - predicted
-    count = np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)  # (J,)
+    some = np.count_nonzero(moving, axis=0)
+    count = np.where(some > 0, some, np.nan)  # (J,)
 
-    def mean(x: Array) -> Array:
-        average: Array = np.sum(np.where(moving, x, 0.0), axis=0) / count
-        return average
+    def mean_square(x: Array) -> Array:
+        counted = np.where(moving, x, 0.0)
+        square: Array = np.einsum("nj,nj->j", counted, counted) / count
+        return square
 
-    rms, size = np.sqrt(mean(residual**2)), np.sqrt(mean(measured**2))
-    variance = mean((measured - mean(measured)) ** 2)
+    rms, size = np.sqrt(mean_square(residual)), np.sqrt(mean_square(measured))
+    variance = mean_square(measured - np.sum(np.where(moving, measured, 0.0), axis=0) / count)
     return Errors(
         rms_nm=rms,
         relative_rms=np.divide(rms, size, out=np.full_like(rms, np.nan), where=size > 0.0),

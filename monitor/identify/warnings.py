@@ -64,7 +64,7 @@ def moving_share(moving: Sequence[Mask]) -> Array:
 
     Of the sweeps of single joints each moves one joint throughout, and in all together every joint moves in a sixth of the samples.
     """
-    share: Array = np.max([np.mean(one, axis=0) for one in moving], axis=0)
+    share: Array = np.max([[np.count_nonzero(column) / len(column) for column in one.T] for one in moving], axis=0)
     return share
 
 
@@ -73,7 +73,7 @@ def of_joints(speeds: Sequence[Array], moving: Sequence[Mask]) -> Iterator[DataW
     together, on = np.concatenate(speeds), np.concatenate(moving)
     for j, share in enumerate(moving_share(moving).tolist()):
         fastest = float(np.max(np.abs(together[:, j])))
-        forward = float(np.mean(together[on[:, j], j] > 0.0)) if share else 0.0
+        forward = np.count_nonzero(on[:, j] & (together[:, j] > 0.0)) / np.count_nonzero(on[:, j]) if share else 0.0
         if share < MOVING_SHARE or fastest < USEFUL_SPEED_RAD_S:
             text = f"joint {j + 1} moves in {share:.0%} of the samples and never faster than {fastest:.2g} rad/s: its friction is a guess"
             yield DataWarning("joint_hardly_moves", text)

@@ -15,6 +15,7 @@ from monitor.identify.fit.least_squares import (
     joined,
     residual_rms,
     solve,
+    together,
     triangle,
 )
 from monitor.model.base import base_parameters
@@ -142,10 +143,10 @@ def test_the_condition_of_the_best_base_is_that_of_the_motion():
     combination = np.array([[1.0, 1000.0], [0.0, 1.0]])
     Y = (Q @ np.linalg.inv(combination))[:, None]
     joints, both = factors([rows(Y, np.ones((300, 1), dtype=bool), np.zeros((300, 1)))]), np.arange(2)
-    assert condition_number(joints, both) > 1e5
-    assert best_condition(joints, combination, both) == pytest.approx(1.0, abs=1e-6)
+    assert condition_number(together(joints), both) > 1e5
+    assert best_condition(together(joints), combination, both) == pytest.approx(1.0, abs=1e-6)
     nothing = factors([rows(Y * [1.0, 0.0], np.ones((300, 1), dtype=bool), np.zeros((300, 1)))])
-    assert best_condition(nothing, np.eye(2), both) == np.inf
+    assert best_condition(together(nothing), np.eye(2), both) == np.inf
 
 
 def test_intervals_of_friction_have_their_coverage_under_correlated_noise(arm):

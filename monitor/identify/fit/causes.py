@@ -12,7 +12,7 @@ from monitor.identify.fit.equations import FitProblem
 from monitor.identify.fit.felt import Felt
 from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.least_squares import Beside, Factor, Rows, Solution, factors, residuals_beside, solve
-from monitor.model.friction import PAPER, residual_law
+from monitor.model.friction import residual_law
 from monitor.recording import Array
 
 OTHER_CAUSES = ("delay", "warming_fc", "warming_fv", "offset")  # columns of each joint behind those of the law
@@ -30,21 +30,19 @@ class Causes:
         for eq, before, torque in zip(problem.equations, found.rows, found.torques, strict=True):
             moved = eq.motion
             self.rows.append(before.thinned(every, B))
-            middle = moved.t_s - np.mean(moved.t_s)
-            warming = PAPER.columns(moved.qd)  # (N, J, 2)
-            warming *= middle[:, None, None]
-            E = self._terms
+            own = law.columns(moved.qd, eq.load(found.solution.values[:B], problem.layout))  # (N, J, K), fc's and fv's first
+            own[:, :, :2] *= (moved.t_s - np.mean(moved.t_s))[:, None, None]  # they become those of the warming
+            own, E = moved.rounded(own)[::every], self._terms
             columns = np.empty((len(self.rows[-1].torque_nm), torque.shape[1], E + len(OTHER_CAUSES)), order="F")
-            columns[:, :, :E] = eq.extra_columns(law, found.solution.values[:B], problem.layout)[::every]
+            columns[:, :, :E], columns[:, :, E + 1 : E + 3] = own[:, :, 2:], own[:, :, :2]
             columns[:, :, E] = -moved.rate_hz * np.gradient(torque, axis=0)[::every]  # of a torque that comes later
-            columns[:, :, E + 1 : E + 3] = moved.rounded(warming)[::every]
             columns[:, :, E + 3] = 1.0
             self._columns.append(columns)
         if every == 1:
             self._joints = Beside(self.rows, found.joints).with_own(self._columns)
         else:
             pairs = zip(self.rows, self._columns, strict=True)
-            self._joints = factors([rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in pairs])
+            self._joints = factors([rec._replace(Y=Felt.of(rec.Y).with_own(more)) for rec, more in pairs])
         self._solutions: dict[tuple[str, ...], Solution] = {}
 
     def beside(self, others: Sequence[str]) -> tuple[Solution, list[Array]]:

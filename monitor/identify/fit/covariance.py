@@ -55,11 +55,9 @@ def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Seque
     load_nm = mean_load(problem, [eq.load(upright.values[:B], problem.layout) for eq in problem.equations])
     known = np.all(upright.excited[places], axis=1)
     fastest = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
-    off = np.zeros(len(line))
-    for speed in speeds:
-        v = np.minimum(speed, fastest)
-        curve = np.einsum("jk,jk->j", law.columns(v, load_nm), upright.values[places])
-        off = np.maximum(off, np.abs(line @ [1.0, 0.0] + line @ [0.0, 1.0] * v - curve))
+    v = np.minimum(np.array(speeds)[:, None], fastest)  # (V, J)
+    curve = np.einsum("vjk,jk->vj", law.columns(v, np.broadcast_to(load_nm, v.shape)), upright.values[places])
+    off = np.max(np.abs(line[:, 0] + line[:, 1] * v - curve), axis=0)
     return np.where(known, off, 0.0)
 
 

@@ -251,28 +251,31 @@ def residual_rms(joints: Sequence[Factor], values: Array) -> Array:
     return np.array([np.linalg.norm(factor.R @ x) / np.sqrt(max(factor.samples, 1)) for factor in joints])
 
 
-def condition_number(joints: Sequence[Factor], columns: Indices) -> float:
-    """cond(Ȳ_B) of these columns of the fitted rows, unweighted and in SI units: Raviola et al. (2021), table 3."""
-    s = np.linalg.svd(np.concatenate([factor.R[:, :-1][:, columns] for factor in joints]), compute_uv=False)
+def together(joints: Sequence[Factor]) -> Array:
+    """The triangle of all joints' rows, unweighted and in SI units, without the torque."""
+    return triangle(np.concatenate([factor.R for factor in joints]))[:, :-1]
+
+
+def condition_number(Y: Array, columns: Indices) -> float:
+    """cond(Ȳ_B) of these columns of the fitted rows: Raviola et al. (2021), table 3. Y : `together`."""
+    s = np.linalg.svd(Y[:, columns], compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
 
 
-def best_condition(joints: Sequence[Factor], combination: Array, rows: Indices) -> float:
+def best_condition(Y: Array, combination: Array, rows: Indices) -> float:
     """Condition number of the motion itself, whatever base was chosen: of the best columns, each scaled to unit length.
 
-    combination : (B, P) base = combination · standard parameters; rows : of the base parameters that are fitted. The columns of all
-    standard parameters are Y·combination, of which QR with pivoting chooses as many as there are base parameters.
+    Y : `together`. combination : (B, P) base = combination · standard parameters; rows : of the base parameters that are fitted. The
+    columns of all standard parameters are Y·combination, of which QR with pivoting chooses as many as there are base parameters.
     """
-    Y = np.concatenate([factor.R[:, :-1][:, rows] for factor in joints]) @ combination[rows]
-    norms = np.linalg.norm(Y, axis=0)
+    standard = Y[:, rows] @ combination[rows]
+    norms = _norms(standard)
     felt = _felt(norms)
-    if np.sum(felt) < len(rows):
+    if len(Y) < len(rows) or np.sum(felt) < len(rows):
         return float("inf")
-    from scipy.linalg import qr
-
-    scaled = Y[:, felt] / norms[felt]
-    _, order = qr(scaled, mode="r", pivoting=True)
-    s = np.linalg.svd(scaled[:, order[: len(rows)]], compute_uv=False)
+    R, _, _, _, _ = scipy.linalg.lapack.dgeqp3(np.asfortranarray(standard[:, felt] / norms[felt]), overwrite_a=1)
+    chosen = R[: len(rows), : len(rows)]
+    s = np.linalg.svd(np.where(_upper(*chosen.shape), chosen, 0.0), compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
 
 

@@ -90,8 +90,8 @@ class Motion:
         if self.low_pass is None:
             return x
         smooth = low_pass(self.rate_hz, *self.low_pass)
-        stretches = np.split(x, np.flatnonzero(np.diff(self.segments)) + 1)
-        return np.concatenate([smooth(stretch) for stretch in stretches])
+        holes = self._holes
+        return np.concatenate([smooth(stretch) for stretch in np.split(x, holes)]) if len(holes) else smooth(x)
 
     @property
     def redundancy(self) -> int:
@@ -101,7 +101,14 @@ class Motion:
     @property
     def segments(self) -> Indices:
         """(N,) number of the stretch without a hole that each sample lies in."""
-        return np.cumsum(np.diff(self.t_s, prepend=self.t_s[:1]) > 1.5 / self.rate_hz)
+        begins = np.zeros(self.samples, dtype=np.intp)
+        begins[self._holes] = 1
+        return np.cumsum(begins)
+
+    @property
+    def _holes(self) -> Indices:
+        """The samples before which the recording has a hole."""
+        return np.flatnonzero(np.diff(self.t_s) > 1.5 / self.rate_hz) + 1
 
     def blocks(self, length_s: float) -> Indices:
         """(N,) number of the block of about `length_s` that each sample lies in; no block reaches over a hole."""
@@ -349,5 +356,6 @@ def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | Non
     measured_s, measured = taken(recording.t_s, keep), taken(recording.temperature_c, keep)
     temperature_c = np.empty((len(t_s), measured.shape[1]), order="F")
     for j, sensible in enumerate(plausible_temperatures(measured).T):
-        temperature_c[:, j] = np.interp(t_s, measured_s[sensible], measured[sensible, j]) if sensible.any() else np.nan
+        sound_s, sound = (measured_s, measured[:, j]) if sensible.all() else (measured_s[sensible], measured[sensible, j])
+        temperature_c[:, j] = np.interp(t_s, sound_s, sound) if len(sound) else np.nan
     return temperature_c

@@ -24,14 +24,23 @@ def warming(recordings: Sequence[Recording]) -> Array | None:
     for recording in recordings:
         if recording.temperature_c is None:
             return None
-        slope = np.full(recording.joints, np.nan)
-        plausible = plausible_temperatures(recording.temperature_c)
-        for j, column in enumerate(recording.temperature_c.T):
-            good = np.isfinite(recording.t_s) & plausible[:, j]
-            t = recording.t_s[good] - np.mean(recording.t_s[good]) if good.any() else np.zeros(0)
-            if len(t) < 2 or not np.ptp(t) > 0:
-                return None
-            slope[j] = 60.0 * (t @ column[good]) / (t @ t)
+        good = plausible_temperatures(recording.temperature_c) & np.isfinite(recording.t_s)[:, None]
+        if good.all():  # most often
+            slope = _slopes(recording.t_s, recording.temperature_c)
+        else:
+            each = zip(recording.temperature_c.T, good.T, strict=True)
+            slope = np.concatenate([_slopes(recording.t_s[on], column[on, None]) for column, on in each])
+        if np.any(np.isnan(slope)):
+            return None
         slopes.append(slope)
     mean: Array = np.mean(slopes, axis=0)
     return mean
+
+
+def _slopes(t_s: Array, temperature_c: Array) -> Array:
+    """(J,) slope of each column (N, J) over time [K/min]; NaN where no time passes."""
+    if len(t_s) < 2 or not np.ptp(t_s) > 0.0:
+        return np.full(temperature_c.shape[1], np.nan)
+    t = t_s - np.mean(t_s)
+    slopes: Array = 60.0 * (t @ temperature_c) / (t @ t)
+    return slopes
