@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
+from prepared import Process, run
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
@@ -19,7 +20,7 @@ COMMAND = [sys.executable, "-m", "monitor", "design"]
 
 
 def ran(*arguments: object, code: int = 0) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
+    done = run([*COMMAND, *map(str, arguments)], 60.0)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     return done
@@ -58,7 +59,7 @@ def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path
 
 def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
     """SIGINT in the middle of a long search: exit 0, a file with its proof, and a message."""
-    search = subprocess.Popen(
+    search = Process(
         [*COMMAND, "--robot", "ur5", "--evaluations", "1000000", "-o", str(tmp_path / "a.json")], stderr=subprocess.PIPE, text=True
     )
     try:

@@ -2,9 +2,12 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import pytest
-from command_line import ended, program
+from command_line import ended
+from prepared import run
 
 from monitor.config.load import load
 from monitor.studies.trial.clock import TrialClock
@@ -13,9 +16,14 @@ from monitor.studies.trial.world import TrialArm, trial_file
 pytestmark = pytest.mark.timeout(300)  # seconds on an idle machine; the physics of a UR5e runs at 500 Hz
 
 
+def tried(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    """`joint-monitor try` in a process of its own."""
+    return run([sys.executable, "-m", "monitor", "try", *map(str, arguments)], 280.0)
+
+
 def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
     """Every day has its replay, the arm ages with the daemon's clock, and the kept history answers the commands of a person."""
-    result = program("try", "--days", 2, "--speed", 200_000, "--keep", tmp_path / "kept", timeout_s=280)
+    result = tried("--days", 2, "--speed", 200_000, "--keep", tmp_path / "kept")
     assert result.returncode == 0, result.stderr
     lines = re.findall(r"^\w{3} (2026-01-\d\d) 03:00  assessed", result.stdout, re.MULTILINE)
     assert lines == ["2026-01-05", "2026-01-06"]
@@ -38,7 +46,7 @@ def test_the_e_series_path_of_the_documentation_yields_a_verdict(tmp_path):
     made = ended("init", path, "--model", "ur5e", "--host", "-", "--no-input", "--allow-motion")
     assert made.returncode == 0, made.stderr
     path.write_text(path.read_text("utf-8").replace("[replay]\n", "[replay]\nrepetitions = 1\n"))  # a short replay is quicker
-    result = program("try", "--config", path, "--days", 1, "--speed", 200_000, timeout_s=280)
+    result = tried("--config", path, "--days", 1, "--speed", 200_000)
     assert result.returncode == 0, result.stderr
     assert re.search(r"03:00  assessed  \w+", result.stdout), result.stdout
 

@@ -1,16 +1,14 @@
 """The page of the real service: it is served while the daemon runs, and does not delay its end."""
 
 import http.client
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+from prepared import Process, run
 
-ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.xdist_group("page")
 
 
@@ -20,9 +18,8 @@ def test_the_service_serves_its_page_and_ends_in_time_with_a_browser_looking(tmp
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\nhost = "127.0.90.7"\n[store]\ndirectory = "history"\n'
         f'[bus]\nlisten = ["tcp/127.0.90.7:0"]\n[page]\nlisten = "127.0.0.1:{free_port}"\n'
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "monitor", "run", "--config", str(tmp_path / "cell.toml")]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as process:
+    with Process(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             until = time.monotonic() + 60.0
             while True:
@@ -50,8 +47,7 @@ def test_an_open_page_without_a_token_is_a_configuration_error(tmp_path):
     (tmp_path / "cell.toml").write_text(
         '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[page]\nlisten = "0.0.0.0:8420"\n[store]\ndirectory = "history"\n'
     )
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "monitor", "run", "--config", str(tmp_path / "cell.toml")]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment, check=False)
+    ran = run(command, 100.0)
     assert ran.returncode == 78
     assert "token_file" in ran.stderr
