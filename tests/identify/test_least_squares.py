@@ -1,11 +1,13 @@
 """The solver, and the coverage of its standard deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracle_arm import GROUND, truth
 from scipy.signal import lfilter
 
-from monitor.identify.fit.jackknife import WINDOW_STEPS, jackknife_covariance, jackknife_covariances
+from monitor.identify.fit.jackknife import HIGHEST_LEVERAGE, WINDOW_STEPS, jackknife_covariance, jackknife_covariances
 from monitor.identify.fit.least_squares import (
     Factor,
     Rows,
@@ -198,6 +200,23 @@ def test_a_covariance_is_symmetric_and_has_no_negative_variance(arm):
     P = jackknife_covariance([rec], 1.0 / SCALE_NM, solution)
     assert np.max(np.abs(P - P.T)) <= 1e-12 * np.max(P)
     assert np.linalg.eigvalsh(P)[0] > -1e-12 * np.max(P)
+
+
+def test_a_block_with_a_leverage_above_one_is_solved_too():
+    """Rows that are not orthonormal make a matrix without a Cholesky factor; the covariance is that of the dense equations all the same."""
+    rng = np.random.default_rng(4)
+    rec = Rows(
+        rng.normal(size=(180, 1, 3)), rng.normal(size=(180, 1)), np.ones((180, 1), dtype=bool), np.arange(180) // 10, np.zeros(180, int)
+    )
+    solution = solve(factors([rec]), np.ones(1), np.zeros(3))
+    solution = replace(solution, directions=2.0 * solution.directions)
+    Z, e = rec.Y[:, 0] @ solution.directions, (rec.torque_nm - rec.Y @ solution.values)[:, 0]
+    blocks = [slice(10 * k, 10 * (k + WINDOW_STEPS)) for k in range(18 - WINDOW_STEPS + 1)]
+    limited = np.eye(3) / HIGHEST_LEVERAGE
+    assert any(np.linalg.eigvalsh(limited - Z[on].T @ Z[on])[0] < 0.0 for on in blocks)
+    off = np.array([solution.directions @ np.linalg.solve(limited - Z[on].T @ Z[on], Z[on].T @ e[on]) for on in blocks])
+    expected = (18 / WINDOW_STEPS - 1.0) * off.T @ off / len(off) / HIGHEST_LEVERAGE**2
+    np.testing.assert_allclose(jackknife_covariance([rec], np.ones(1), solution), expected, rtol=1e-9)
 
 
 def test_the_covariance_is_that_of_fits_without_one_block_after_the_other():

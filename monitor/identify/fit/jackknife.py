@@ -98,22 +98,20 @@ class _Without:
     """How far the solution moves in z where one block of rows is left out; asked for hundreds of times, so in the same memory."""
 
     def __init__(self, r: int, estimates: int) -> None:
-        self._r, self._rest, self._scores = r, np.empty((r, r), order="F"), np.empty((estimates, r))
-        self._diagonal = self._rest.T.reshape(-1)[:: r + 1]
+        self._block = np.empty((r + estimates, r + estimates), order="F")  # a difference of whole sums takes a third of one of their parts
+        self._rest, self._scores = self._block[:r, :r], self._block[r:, :r].T
+        self._diagonal = self._block.T.reshape(-1)[: r * len(self._block) : len(self._block) + 1]
 
     def moved(self, before: Array, after: Array) -> Array:
         """(S, r) without the rows between two of the `_running_sums`, of which only the lower triangles are read.
 
         The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
         """
-        r = self._r
-        np.subtract(before[:r, :r], after[:r, :r], out=self._rest)
-        np.subtract(before[r:, :r], after[r:, :r], out=self._scores)
+        np.subtract(before, after, out=self._block)
         self._diagonal += 1.0 / HIGHEST_LEVERAGE
-        _, moved, failed = scipy.linalg.lapack.dposv(self._rest, self._scores.T, lower=1, overwrite_a=1)
+        _, moved, failed = scipy.linalg.lapack.dposv(self._rest, self._scores, lower=1)
         if failed:  # the rows are not quite orthonormal
-            lower = np.tril(before - after)[:r, :r] + np.eye(r) / HIGHEST_LEVERAGE
-            moved = np.linalg.solve(lower + np.tril(lower, -1).T, self._scores.T)
+            moved = np.linalg.solve(np.tril(self._rest) + np.tril(self._rest, -1).T, self._scores)
         return np.asarray(moved.T)
 
 
