@@ -141,7 +141,14 @@ class Beside:
 def triangle(A: Array) -> Array:
     """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
     felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
+    if len(felt) == A.shape[1]:
+        return reduced(np.array(A, order="F"))
     return scattered(reduced(np.asfortranarray(A[:, felt])), felt, A.shape[1])
+
+
+def one_above_the_other(parts: Sequence[Array]) -> Array:
+    """The rows of all parts (n, B), with memory that runs along the rows, as `triangle` needs it."""
+    return np.concatenate(parts, out=np.empty((sum(len(part) for part in parts), parts[0].shape[1]), order="F"))
 
 
 def joined(A: Array, B: Array) -> Array:
@@ -191,9 +198,12 @@ def scattered(R: Array, places: Indices, columns: int) -> Array:
     return whole
 
 
-def _whitening(R: Array, least: float) -> Array | None:
-    """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `least` of the largest; else None."""
-    norms = _norms(R)
+def _whitening(R: Array, least: float, norms: Array | None = None) -> Array | None:
+    """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `least` of the largest; else None.
+
+    norms : (B,) of its columns, where they are known.
+    """
+    norms = _norms(R) if norms is None else norms
     if R.shape[0] != R.shape[1] or not np.all(norms > 0.0):
         return None
     inverse, singular = scipy.linalg.lapack.dtrtri(R / norms)
@@ -225,14 +235,14 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
 
     penalty : (B,) one over the standard deviation of each parameter about its prior, 0 for a parameter without one; None: 0 for all.
     """
-    stacked = np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
+    stacked = one_above_the_other([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
     if penalty is not None:
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
     R = triangle(stacked) if len(stacked) > stacked.shape[1] else stacked
     A, b = R[:, :-1], R[:, -1]
     norms, B = _norms(A), A.shape[1]
     norms = np.where(_felt(norms), norms, 0.0)
-    whitening = _whitening(A[:B], EXCITED) if len(R) == B + 1 and np.all(norms > 0.0) else None
+    whitening = _whitening(A[:B], EXCITED, norms) if len(R) == B + 1 and np.all(norms > 0.0) else None
     if whitening is not None:  # the usual case: everything is excited
         return Solution(values=whitening @ b[:B], directions=whitening, excited=np.ones(B, dtype=bool))
     A = np.where(norms > 0.0, A, 0.0)
@@ -253,7 +263,7 @@ def residual_rms(joints: Sequence[Factor], values: Array) -> Array:
 
 def together(joints: Sequence[Factor]) -> Array:
     """The triangle of all joints' rows, unweighted and in SI units, without the torque."""
-    return triangle(np.concatenate([factor.R for factor in joints]))[:, :-1]
+    return triangle(one_above_the_other([factor.R for factor in joints]))[:, :-1]
 
 
 def condition_number(Y: Array, columns: Indices) -> float:
