@@ -5,8 +5,8 @@ One replay goes through the rooms in this order. Each arrow carries a frozen val
     acquire → Recording → identify → Identification → judge → Assessment → store, publish → views
 
 This is the map of the house, and its only copy. A room imports only from rooms below it. Rooms marked ∘ are pure: they do no I/O,
-read no clock and start no thread; one module, `model.robot`, reads the robots that are packaged with it, and one of `identify` takes a
-compiled function of scipy alone. `make lint` checks both, and a test holds this map against the linter's contracts.
+read no clock and start no thread; one module, `model.robot`, reads the robots that are packaged with it. `make lint` checks both, and a
+test holds this map against the linter's contracts.
 
     __main__        python -m monitor
     cli             the commands: a module a topic, one module of shared options

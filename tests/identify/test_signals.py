@@ -1,18 +1,13 @@
 """One even clock, no delay, and every torn row counted."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals import butterworth
-from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.motion import SignalSettings, motion
 from monitor.recording import Recording
 
@@ -192,40 +187,3 @@ def test_a_column_passes_the_filter_of_the_signals():
     for number in (0, 1):
         stretch = np.flatnonzero(found.segments == number)[30:-30]
         np.testing.assert_allclose(again[stretch], found.direction[stretch], atol=1e-3)
-
-
-@pytest.mark.parametrize("order", range(1, 7))
-@given(rate_hz=st.floats(5.0, 1000.0), share=st.floats(0.005, 0.45))
-def test_the_low_pass_is_scipys_to_the_last_bit(order, rate_hz, share):
-    """Sections and state in a signal that is 1, for every order that may be configured."""
-    sos, state = butterworth.butterworth(rate_hz, order, share * rate_hz)
-    theirs = butter(order, share * rate_hz, fs=rate_hz, output="sos")
-    assert np.array_equal(sos, theirs)
-    assert np.array_equal(state, sosfilt_zi(theirs))
-
-
-@pytest.mark.parametrize("alone", [True, False])
-def test_rows_are_filtered_as_by_scipy_with_its_compiled_function_and_with_the_package(alone, monkeypatch):
-    """Forward and backward, from the state of each row's first sample; another layout of scipy changes no figure."""
-    if not alone:
-        monkeypatch.setattr(butterworth.PathFinder, "find_spec", lambda *_: None)
-    butterworth.filter_in_place.cache_clear()
-    sos, state = butterworth.butterworth(125.0, 4, 8.0)
-    rows = np.random.default_rng(1).normal(size=(7, 500))
-    filtered, states = rows.copy(), rows[:, :1, None] * state
-    butterworth.filter_in_place()(sos, filtered, states)
-    theirs, after = sosfilt(sos, rows, axis=1, zi=state[:, None] * rows[:, :1])
-    assert np.array_equal(filtered, theirs)
-    assert np.array_equal(states, after.transpose(1, 0, 2))
-    smoothed = low_pass(125.0, 4, 8.0)(rows.T)
-    butterworth.filter_in_place.cache_clear()
-    assert np.array_equal(smoothed, low_pass(125.0, 4, 8.0)(rows.T))
-
-
-def test_a_recording_is_identified_without_the_package_of_filters():
-    """`scipy.signal` takes 0.8 s to import, three times as long as a recording takes from its file to its parameters."""
-    code = (
-        "import sys, numpy as np\nfrom monitor.identify.signals.filters import low_pass\n"
-        "low_pass(125.0, 2, 8.0)(np.ones((50, 6)))\nprint([name for name in ('scipy.signal', 'scipy.stats') if name in sys.modules])"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

@@ -1,10 +1,10 @@
 """Filters of the signals: single spikes removed, one even clock, one zero-phase low-pass for all signals."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
-from monitor.identify.signals.butterworth import butterworth, filter_in_place
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array
 
@@ -54,7 +54,9 @@ def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], 
 
     It is `scipy.signal.sosfiltfilt`, which works its initial state out anew at each call. The result's memory runs along the samples.
     """
-    (sos, state), filter_rows = butterworth(rate_hz, order, cutoff_hz), filter_in_place()
+    from scipy.signal import sosfilt  # takes 1 s to import: only where a recording is identified
+
+    sos, state = _sections(rate_hz, order, cutoff_hz)
     pad = round(3 * rate_hz / cutoff_hz)
 
     def smooth(x: Array) -> Array:
@@ -63,13 +65,21 @@ def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], 
         ends = rows[:, :1], rows[:, -1:]
         extended = np.concatenate([2.0 * ends[0] - rows[:, n:0:-1], rows, 2.0 * ends[1] - rows[:, -2 : -n - 2 : -1]], axis=1)
         for _ in ("forward", "backward"):
-            extended = np.ascontiguousarray(extended)
-            filter_rows(sos, extended, extended[:, :1, None] * state)
-            extended = extended[:, ::-1]
+            first = state[:, None] * extended[:, :1]  # (sections, …, 2)
+            extended = sosfilt(sos, extended, axis=1, zi=first)[0][:, ::-1]
         smoothed: Array = extended[:, n : n + rows.shape[1]].T.reshape(x.shape, order="F")
         return smoothed
 
     return smooth
+
+
+@lru_cache(maxsize=64)
+def _sections(rate_hz: float, order: int, cutoff_hz: float) -> tuple[Array, Array]:
+    """The second-order sections of `low_pass`, and their state (sections, 2) in a signal that is 1: asked for a dozen times."""
+    from scipy.signal import butter, sosfilt_zi
+
+    sos = np.asarray(butter(order, cutoff_hz, fs=rate_hz, output="sos"))
+    return sos, np.asarray(sosfilt_zi(sos))
 
 
 def filtered(part: dict[str, Array], rate_hz: float, smooth: Callable[[Array], Array], trim: int) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 import importlib
 
 # loaded where they are used, because most commands never need them: a second of the processor
-USED = ("filterpy.kalman", "pandas", "pyarrow.fs", "pyarrow.parquet", "scipy.optimize")
+USED = ("filterpy.kalman", "pandas", "pyarrow.fs", "pyarrow.parquet", "scipy.optimize", "scipy.signal")
 
 
 def warm_up() -> None:
