@@ -12,7 +12,7 @@ from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import DENSE, likelihood_ratios, thresholds
+from monitor.judge.drift.update.change_detection import DENSE, SUMMED_STD, likelihood_ratios, summed_evidence, thresholds
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -146,3 +146,41 @@ def test_a_wear_rate_that_only_a_few_replays_fit_needs_more_evidence():
     assert counted[0, 0] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 1] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 0] == pytest.approx(0.67, abs=0.02)
+
+
+def evidence(score, information, *, inflation=1.0, starts=1, ages=None):
+    """The summed evidence of one joint, of so many starts of a step that say the same; the rates say nothing."""
+    told, scores = np.zeros((2, 1, 2, WINDOW))
+    told[0, 0, :starts], scores[0, 0, :starts] = information, score
+    ages = np.arange(WINDOW, dtype=float)[None] if ages is None else ages
+    return summed_evidence(scores, told, np.full_like(told, inflation), ages, np.ones((1, WINDOW), dtype=bool))[0]
+
+
+def test_evidence_of_a_rise_is_its_likelihood_averaged_over_the_sizes_that_a_rise_may_have():
+    """By numerical integration over half of a Gaussian; a step of 3 % ± 1 %."""
+    information, std = 1e4, SUMMED_STD[0, 0]
+    score = 0.03 * information
+    sizes = np.linspace(0.0, 10.0 * std, 200_001)
+    prior = np.exp(-0.5 * (sizes / std) ** 2)
+    expected = np.log(np.sum(prior * np.exp(sizes * score - 0.5 * sizes**2 * information)) / np.sum(prior))
+    assert evidence(score, information) == pytest.approx(expected, abs=1e-3)
+
+
+def test_starts_that_explain_the_same_add_up_and_an_old_one_stands_for_those_that_are_left_out():
+    one = evidence(300.0, 1e4)
+    assert evidence(300.0, 1e4, starts=8) == pytest.approx(one + np.log(8.0))
+    assert evidence(300.0, 1e4, ages=4.0 * np.arange(WINDOW, dtype=float)[None]) == pytest.approx(one + np.log(4.0))
+
+
+def test_a_fall_is_no_evidence_of_a_rise_and_chance_that_is_larger_weakens_it():
+    assert evidence(-300.0, 1e4) < 0.0
+    assert evidence(300.0, 1e4, inflation=2.0) < evidence(300.0, 1e4) - 1.0
+    assert evidence(0.0, 0.0) == -np.inf
+
+
+def test_without_a_change_the_evidence_over_no_change_is_one_in_the_mean():
+    """So a rise is found by chance as rarely as the threshold says."""
+    information = 0.3 / SUMMED_STD[0, 0] ** 2  # so little that the mean of few draws tells
+    scores = np.sqrt(information) * np.random.default_rng(5).normal(size=4000)
+    mean = np.mean(np.exp([evidence(score, information) for score in scores]))
+    assert mean == pytest.approx(1.0, abs=0.05)

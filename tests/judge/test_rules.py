@@ -17,6 +17,7 @@ from monitor.judge.alerts.staleness import stale_joints
 from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
+from monitor.judge.drift.from_work import begin_work
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin
 from monitor.judge.temperature.laws import TemperatureSettings
@@ -236,6 +237,45 @@ def test_thresholds_out_of_order_are_named(wrong, says):
     """The message contains the key of the configuration."""
     with pytest.raises(BadConfiguration, match=says):
         HealthSettings(**wrong)
+
+
+def with_rise(sigmas: float, *, found: bool, excess: float = 0.03) -> Belief:
+    """A belief of an arm whose work is observed. Joint 3 has risen, its size is known to so many σ, and 40 observations agree.
+
+    found : whether the rise was found as a change.
+    """
+    belief = belief_on(40, {3: excess}, std=np.log1p(excess) / sigmas)
+    state = begin_work(belief.filter_state, 6, DriftSettings())
+    of_joint = np.arange(6) == 2
+    sources = replace(state.sources, risen=np.where(of_joint, float(found), 0.0))
+    return replace(belief, filter_state=replace(state, sources=sources, agreeing=np.where(of_joint, 40.0, 1.0)))
+
+
+def test_a_rise_that_was_found_is_an_advisory_although_its_size_is_less_sure():
+    assert judged([with_rise(2.6, found=False)])[1] == []
+    assert judged([with_rise(2.4, found=True)])[1] == []
+    assert judged([with_rise(2.6, found=True)])[1] == [(0, "raised", 3, "wear_rising", "advisory")]
+
+
+def test_a_rise_that_was_found_raises_no_graver_tier_than_its_size_proves():
+    """16 % ± 6 % is above 5 % with a probability of 0.96; its own standard deviations are too few for the wear tier."""
+    assert judged([with_rise(2.6, found=True, excess=0.16)])[1] == [(0, "raised", 3, "wear_rising", "advisory")]
+    assert judged([with_rise(3.1, found=True, excess=0.16)])[1] == [(0, "raised", 3, "wear_rising", "wear")]
+
+
+def test_who_asks_for_rarer_false_alerts_gets_no_advisory_of_a_rise_that_is_less_sure():
+    rarer = HealthSettings(false_alarms_per_year=0.001)  # 4.1 σ, 3.4 σ of a rise that was found
+    assert judge(None, with_rise(3.3, found=True), rarer)[1] == ()
+    assert [kind for kind, _ in judge(None, with_rise(3.5, found=True), rarer)[1]] == ["raised"]
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "found", "says"), [(2.4, True, "2.4 of its standard deviations; 2.5"), (2.6, False, "2.6 of its standard deviations; 3.0")]
+)
+def test_the_reason_against_an_advisory_names_what_a_rise_needs(sigmas, found, says):
+    health, _ = judged([belief_on(39)])
+    assert any(says in each for each in why_not_alerting(health, with_rise(sigmas, found=found), 3, SETTINGS))
+    assert not any("standard deviations" in each for each in why_not_alerting(health, with_rise(sigmas + 0.5, found=found), 3, SETTINGS))
 
 
 def test_the_reasons_why_a_joint_does_not_alert_are_given():

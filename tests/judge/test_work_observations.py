@@ -10,9 +10,12 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
+from monitor.judge.drift.filter_state import ORDINARY, STEP, replace_joints
 from monitor.judge.drift.from_work import begin_work, correlated_over, observed, swapped
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.suspicion import DOUBT_REPLAYS, doubted_rise
+from monitor.judge.drift.update import change_detection
+from monitor.judge.drift.update.change_detection import STEP_STD, SUMMED, thresholds
 from monitor.judge.learn_work import WorkAssessment, assess_work
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
@@ -275,6 +278,64 @@ def test_a_doubtful_replay_of_a_joint_that_work_never_moves_asks_for_the_next_on
             break
         assert doubted() == [4]
     assert found[0] < LEARNT + 68
+
+
+def risen(plant: Plant) -> list[float]:
+    """(J,) 1 where a rise was found, and wear has held it since."""
+    return plant.history.last.belief.filter_state.sources.risen.tolist()
+
+
+def test_a_rise_that_was_found_is_remembered_until_observations_speak_against_it(plant):
+    """Joint 2 rises slowly by work and a replay a week; then friction is as before again."""
+    found = []
+    for day in range(LEARNT + 20, LEARNT + 90):
+        wear = worn(2, 0.0005 * (day - LEARNT - 20))
+        plant.work(day - 0.2, wear)
+        if day % 7 == 0:
+            plant.replay(day, wear)
+        found.append(risen(plant))
+    of_joint = [each[1] for each in found]
+    assert of_joint == sorted(of_joint)
+    assert of_joint[0] == 0.0
+    assert of_joint[-1] == 1.0
+    assert not np.array(found)[:, [0, 2, 3, 4, 5]].any()
+    for day in range(LEARNT + 90, LEARNT + 110):
+        plant.replay(day)
+    assert not any(risen(plant))
+
+
+def test_a_rise_is_found_by_all_starts_together_where_none_of_them_is_sure(plant, monkeypatch):
+    """Twenty starts of a step of joint 2 explain what was seen equally well, each with nine tenths of the likelihood ratio of a change."""
+    state = plant.history.last.belief.filter_state
+    scores, raw, informations = state.glr_scores.copy(), state.raw_glr_scores.copy(), state.glr_informations.copy()
+    told, starts = 1e4, slice(28, 48)
+    asked = thresholds(state.ages + 1.0, DriftSettings(), np.zeros(6), beside_work=True)[1, 0, starts]
+    chance = told * state.chance.of_starts()[1, 0, starts]
+    scores[1], raw[1], informations[1] = 0.0, 0.0, 0.0
+    scores[1, 0, starts] = raw[1, 0, starts] = np.sqrt(0.9 * asked * chance * (1.0 + STEP_STD**-2 / told))
+    informations[1, 0, starts] = told
+    state = replace(state, glr_scores=scores, raw_glr_scores=raw, glr_informations=informations)
+    before = replace(plant.history.last, belief=replace(plant.history.last.belief, filter_state=state))
+    events = []
+    for summed in (SUMMED, np.inf):
+        monkeypatch.setattr(change_detection, "SUMMED", summed)
+        plant.history.last = before
+        plant.work(LEARNT + 20)
+        events.append(plant.history.last.belief.filter_state.event[1])
+    assert events == [STEP, ORDINARY]
+
+
+def test_a_stored_belief_of_a_release_that_remembered_no_rise_is_read(plant):
+    document = plant.history.last.belief.as_document()
+    del document["track"]["sources"]["risen"]
+    assert belief_from_document(document).filter_state.sources.risen.tolist() == [0.0] * 6
+
+
+def test_the_rise_of_a_joint_that_was_replaced_is_forgotten(plant):
+    state = plant.history.last.belief.filter_state
+    state = replace(state, sources=replace(state.sources, risen=np.ones(6)))
+    after = replace_joints(state, np.arange(6) == 2, DriftSettings())
+    assert after.sources.risen.tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
 
 
 def test_a_replay_that_disagrees_with_work_keeps_the_wear_tier_from_being_raised(plant):

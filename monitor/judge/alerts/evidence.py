@@ -23,6 +23,9 @@ COLUMNS = FALLING + 1
 # Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured where no change was found. One that was found by
 # chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, at which such an alert ends.
 CROSSINGS_PER_YEAR = 0.75
+# Share of the standard deviations that wear needs where observations beside work have found a rise, which is evidence too. With all of
+# them a quarter of slow wear waited for more than a month after it was found.
+FOUND_SHARE = 5.0 / 6.0
 WORK_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
@@ -39,6 +42,7 @@ class WearAfterReplay:
     day: Array  # UTC day of the replay, counted from 1970-01-01
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
+    risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's work is not observed
     beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
     # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
     fallen: Array | None = None  # logarithm of that lowest friction over that at the beginning, ≤ 0, running-in left out
@@ -118,6 +122,7 @@ def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAft
         day=np.full(state.joints, float(day)),
         agreeing=state.agreeing,
         interval_days=state.interval_days,
+        risen=None if state.sources is None else state.sources.risen > 0,
         beside=rise_beside(state.channels),
         fallen=reference.fallen,
         fallen_std=np.sqrt(reference.fallen_var),
@@ -155,9 +160,10 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
     sigmas = excess / std
     above = scipy.special.ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
     below = scipy.special.ndtr((least_fall + np.repeat(fallen, J) - fall) / fall_std)  # (N,)
-    significant = sigmas >= advisory_sigmas(J, settings)
+    required = advisory_sigmas(J, settings)
+    significant = sigmas >= required
     agree = np.empty((len(wear), COLUMNS), dtype=bool)
-    agree[:, 0] = significant & (excess >= rises[0])
+    agree[:, 0] = (sigmas >= required_of_joints(after, required)) & (excess >= rises[0])
     agree[:, 1] = significant & (above[:, 1] >= settings.wear_sure)
     agree[:, 2] = significant & (above[:, 2] >= settings.limit_sure)
     agree[:, FALLING] = below >= settings.wear_sure
@@ -180,6 +186,12 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
         risen=risen,
         fall=fall,
     )
+
+
+def required_of_joints(after: WearAfterReplay, required: float) -> Array:
+    """(N,) standard deviations of wear that an advisory requires. required : of a joint of which no rise was found."""
+    every = np.full(len(after.wear), required)
+    return every if after.risen is None else np.where(after.risen, FOUND_SHARE * every, every)
 
 
 def _counted(before: Counts, after: WearAfterReplay, agree: np.ndarray, together: np.ndarray) -> Counts:

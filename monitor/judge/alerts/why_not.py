@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.judge.alerts.beside import joint_beside
 from monitor.judge.alerts.conditions import RISES
-from monitor.judge.alerts.evidence import Evidence, advisory_sigmas, counts_of, wear_after_replay, weigh_evidence
+from monitor.judge.alerts.evidence import Evidence, advisory_sigmas, counts_of, required_of_joints, wear_after_replay, weigh_evidence
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
@@ -39,6 +39,8 @@ def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, se
     if evidence.common[0] > 0:
         reasons.append(f"all joints have risen together by {math.expm1(evidence.common[0]):+z.1%}: that is taken off")
     required = advisory_sigmas(belief.joints, settings)
+    if tier == 0:
+        required = float(required_of_joints(wear_after_replay(belief, belief.learnt_from), required)[j])
     if evidence.sigmas[j] < required:
         reasons.append(f"that is {evidence.sigmas[j]:z.1f} of its standard deviations; {required:.1f} are asked for")
     if tier == 0 and change < rise:

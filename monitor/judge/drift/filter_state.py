@@ -375,7 +375,8 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     fresh = forget(state.counted_from, new)
     chance = state.chance.since_change(np.zeros(state.joints), new, np.zeros(state.joints))
     residual = np.where(new, np.nan, state.residual)
-    return replace(state, mean=mean, cov=cov, counted_from=fresh, chance=chance, residual=residual, **cleared)
+    sources = state.sources and replace(state.sources, risen=np.where(new, 0.0, state.sources.risen))
+    return replace(state, mean=mean, cov=cov, counted_from=fresh, chance=chance, residual=residual, sources=sources, **cleared)
 
 
 def unknown_joint(state: FilterState, new: np.ndarray, settings: DriftSettings, *, slope_std: float) -> FilterState:

@@ -67,6 +67,7 @@ def begin_work(state: FilterState, joints_per_arm: int, settings: DriftSettings)
         warmest_c=np.full(N, np.nan),
         unconfirmed=zero,
         unconfirmed_rate=zero,
+        risen=zero,
     )
     return replace(state, mean=mean, cov=cov, responses=responses, sources=sources)
 

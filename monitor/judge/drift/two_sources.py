@@ -34,10 +34,12 @@ class TwoSources:
     warmest_c: Array
     unconfirmed: Array  # [log] wear that work alone has found since the joint's last replay
     unconfirmed_rate: Array  # [1/usual day] wear rate likewise
+    risen: Array  # 1 where a rise was found that began long ago, by either source, and wear has held it since; else 0
 
 
 def sources_from_document(document: Any, joints: int) -> TwoSources | None:
     """The sources from their document; None where only replays were observed. Raises BadInput naming the key."""
     if document is None:
         return None
-    return TwoSources(**{f.name: array(document, f.name, (joints,), where="belief: track: sources") for f in fields(TwoSources)})
+    complete = {"risen": [0.0] * joints, **document} if isinstance(document, dict) else document  # releases without it
+    return TwoSources(**{f.name: array(complete, f.name, (joints,), where="belief: track: sources") for f in fields(TwoSources)})

@@ -74,7 +74,9 @@ def unseen_step(state: FilterState, settings: DriftSettings) -> UnseenStep:
     first = np.argmax(old_enough, axis=1)  # ages are ascending
     row = np.arange(N)
     information = state.glr_informations[row, 0, first] / state.chance.of_starts()[row, 0, first]
-    threshold = np.sqrt(thresholds(state.ages, settings, noise_known(state, settings.prior))[row, 0, first])
+    threshold = np.sqrt(
+        thresholds(state.ages, settings, noise_known(state, settings.prior), beside_work=state.sources is not None)[row, 0, first]
+    )
     log_rise = (threshold + FOUND_SIGMAS) / np.sqrt(np.maximum(information, 1e-12))
     known = old_enough.any(axis=1) & (log_rise <= NOTHING_KNOWN)
     return UnseenStep(np.where(known, log_rise, np.nan), np.where(known, days[row, first], np.nan))

@@ -14,6 +14,7 @@ from monitor.judge.drift.filter_state import (
     STATES,
     STEP,
     UNRESOLVED,
+    WEAR,
     WORK_LEVEL,
     FilterState,
 )
@@ -23,7 +24,8 @@ from monitor.judge.drift.noise.size import follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import advance_bank, detect_change, stays
+from monitor.judge.drift.two_sources import TwoSources
+from monitor.judge.drift.update.change_detection import LONG, Change, advance_bank, detect_change, stays
 from monitor.judge.drift.update.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.update.lowest_level import may_run_in, running_in
 from monitor.judge.drift.wear_history import add_replay, move_level
@@ -33,6 +35,7 @@ OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the j
 NOISE_KNOWN = 12  # [replays] before, size and correlation of the noise are too uncertain to tell what else chance does
 CONSISTENCY_REPLAYS = 20.0  # memory of the mean of normalised innovations squared
 LEVELS_KNOWN_VAR = 0.02**2  # [log²] of both levels: before, an observation from work says little of the course of friction
+HELD_SIGMAS = 1.5  # [σ] of wear below which observations speak against a rise that was found before
 CLIPPED = 3.0  # [σ] one replay changes the noise estimate by no more than a residual of this size
 
 
@@ -72,7 +75,7 @@ def update_filter(
     slow = running_in(state, change.shared, change.since)
     z = innovation.normalised
     consistency = state.consistency + (z**2 - state.consistency) / CONSISTENCY_REPLAYS
-    return replace(
+    updated = replace(
         update_noise(state, innovation, event, rho, var, joints_per_arm, settings),
         mean=np.where(learnt[:, None], new_mean, change.mean),
         cov=np.where(learnt[:, None, None], new_cov, change.cov),
@@ -94,6 +97,19 @@ def update_filter(
         counted_from=with_common_change(state.counted_from, change.shared, change.shared_var, slow),
         chance=forget_chance(chance, change.common).since_change(learnt, change.of_wear, change.since),
     )
+    return updated if updated.sources is None else replace(updated, sources=remember_rise(updated, updated.sources, state.wear, change))
+
+
+def remember_rise(state: FilterState, sources: TwoSources, before: Array, change: Change) -> TwoSources:
+    """The sources with the joints of which a rise was found, and wear holds it. state : after the observation; before : (N,) wear.
+
+    How large wear is now is less sure than that it rose: a rate that began long ago and a late step explain the same observations, and rare
+    replays tell them apart late. So it is remembered that a rise was found which began long ago, for wear to confirm.
+    """
+    own = change.of_wear & ~change.common
+    rise = (change.mean[:, WEAR] > before) & (change.since >= LONG)
+    risen = np.where(own, rise.astype(float), sources.risen)
+    return replace(sources, risen=np.where(state.wear > HELD_SIGMAS * state.wear_std, risen, 0.0))
 
 
 def in_course(
