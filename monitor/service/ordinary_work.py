@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.acquire.rows import columns
+from monitor.acquire.schedule.needed import suspicion_asks
 from monitor.errors import BadInput, MonitorError, StoreError, Unidentifiable
 from monitor.identify.work.arm import WorkArm
 from monitor.identify.work.gather import gather, initial
@@ -206,7 +207,8 @@ class OrdinaryWork:
             found_by_work, likely = list(verdict.asks), list(verdict.suspects)
             log.info("work alone has found wear of joints %s, and makes it likely of %s: a replay shall tell", found_by_work, likely)
             self._requests.wake()
-            if configuration.replay.allow_motion is True:
+            asks = bool(verdict.asks) or suspicion_asks(configuration.schedule, self._store.ledger.learnt_at_unix_s(), now)
+            if asks and configuration.replay.allow_motion is True:
                 self._requests.evidence(now)
 
     def _newest_day(self, last_day: int) -> int:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from monitor.acquire.schedule.needed import Need, Told, need, needed_windows
+from monitor.acquire.schedule.needed import Need, Told, need, needed_windows, suspicion_asks
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.schedule.windows import Window
 from monitor.errors import BadInput
@@ -21,7 +21,10 @@ LEARNT = Told(NOW - 90 * DAY, NOW - 10 * DAY, (NOW,) * 6)
         (Told(), -math.inf, "nothing is learnt yet"),
         (LEARNT._replace(began_unix_s=NOW - 20 * DAY), -math.inf, "the first 14 days"),
         (LEARNT._replace(asks=(2, 5)), -math.inf, "joints 2, 5"),
-        (LEARNT._replace(suspects=(3,)), -math.inf, "work makes wear of joint 3 likely"),
+        (LEARNT._replace(suspects=(3,)), NOW - 8.5 * DAY, "work makes wear of joint 3 likely"),
+        (LEARNT._replace(replayed_unix_s=NOW - DAY, suspects=(3,)), NOW + 0.5 * DAY, "replays shall tell"),
+        (LEARNT._replace(replayed_unix_s=NOW - DAY, suspects=(3,), asks=(3,)), -math.inf, "work alone has found wear of joint 3"),
+        (LEARNT._replace(replayed_unix_s=NOW - DAY, suspects=(3,), doubted=(5,)), -math.inf, "make a change of joint 5 likely"),
         (LEARNT._replace(doubted=(5,)), -math.inf, "the last replays make a change of joint 5 likely"),
         (LEARNT._replace(joints_unix_s=(NOW, NOW, NOW, NOW - 5 * DAY, NOW, NOW)), NOW + 2 * DAY, "enough of joint 4:"),
         (LEARNT._replace(joints_unix_s=(NOW, -math.inf, NOW, NOW, NOW, NOW)), -math.inf, "enough of joint 2:"),
@@ -33,6 +36,26 @@ def test_a_replay_is_needed_from_the_first_reason_on(told, from_unix_s, why):
     found = need(SETTINGS, told)
     assert found.from_unix_s == from_unix_s
     assert why in found.why
+
+
+MONTH = ScheduleSettings(replay="when_needed", untold_days=30.0, at_most_days=30.0, learning_days=14.0)
+
+
+@pytest.mark.parametrize(("settings", "days_asked"), [(SETTINGS, [0, 2, 4, 6, 8]), (ScheduleSettings(), [0, 2, 4, 6, 8]), (MONTH, [0, 5])])
+@pytest.mark.parametrize("hour", [0.5, 3.0, 12.0, 22.0])
+def test_a_suspicion_asks_on_every_second_day_or_more_rarely_where_joints_may_be_untold_for_long(settings, days_asked, hour):
+    """The work of a day is judged at midnight, and the window is after it."""
+    replayed, days = None, []
+    for day in range(10):
+        midnight = NOW + day * DAY
+        if suspicion_asks(settings, replayed, midnight):
+            replayed = midnight + hour * 3600.0
+            days.append(day)
+    assert days == days_asked
+
+
+def test_a_suspicion_asks_every_five_days_where_joints_may_be_untold_for_a_month():
+    assert need(MONTH, LEARNT._replace(replayed_unix_s=NOW - DAY, suspects=(3,))).from_unix_s == NOW + 3.5 * DAY
 
 
 def test_without_the_setting_every_window_needs_a_replay():

@@ -38,9 +38,10 @@ def test_a_joint_that_work_never_moves_is_replayed_after_untold_days_and_one_tha
 
 def test_what_work_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_raised_asks_no_more(learnt):
     learnt.worked(20.4, ALL, QUIET, QUIET, FIRST)
-    assert learnt.at(21, SCHEDULE).all()
+    assert not learnt.at(21, SCHEDULE).any()  # the last replay was yesterday
+    assert learnt.at(22, SCHEDULE).all()
     learnt.worked(22.4, NONE, QUIET, QUIET, NONE)  # a day without work ends no suspicion
-    assert learnt.asked.all()
+    assert learnt.asked(23).all()
     learnt.replayed(23, ALL, QUIET, NONE)
     assert not learnt.at(24, SCHEDULE).any()
     wanted = np.where(FIRST, 0.0, -1.0)
@@ -49,6 +50,19 @@ def test_what_work_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_ra
     learnt.replayed(25, ALL, wanted, NONE)
     learnt.worked(25.4, ALL, QUIET, wanted, NONE)
     assert not learnt.at(26, SCHEDULE).any()
+
+
+def test_a_suspicion_that_lasts_asks_on_every_second_day(learnt):
+    """Each replay ends it, and the work of the day after makes wear likely again."""
+    replayed, asked = [], []
+    for day in range(21, 31):
+        learnt.worked(day - 0.6, ALL, QUIET, QUIET, FIRST)
+        if learnt.asked(day).all():
+            asked.append(day)
+        if learnt.at(day, SCHEDULE).all():
+            learnt.replayed(day, ALL, QUIET, NONE)
+            replayed.append(day)
+    assert replayed == asked == [22, 24, 26, 28, 30]
 
 
 def test_a_replay_in_doubt_asks_for_the_next_one_and_that_one_ends_the_doubt_or_goes_on(learnt):

@@ -13,6 +13,9 @@ from monitor.acquire.schedule.windows import Window
 from monitor.recording import DAY_S
 
 ALWAYS, WHEN_NEEDED = "always", "when_needed"
+# Half of a day's noise is still there on the next: a replay on every second day tells nine tenths of what a daily one does.
+SUSPECTED_DAYS = 2.0  # [d] between the replays that a suspicion asks for, at least
+SUSPECTED_SHARE = 1.0 / 6.0  # of `untold_days`, likewise: whoever lets a joint be untold for a month wants few replays
 
 
 class Told(NamedTuple):
@@ -48,10 +51,11 @@ def need(settings: ScheduleSettings, told: Told) -> Need:
         return Need(-math.inf, f"the first {settings.learning_days:g} days, in which the arm is learnt")
     if told.asks:
         return Need(-math.inf, f"work alone has found wear of {_joints(told.asks)}: a replay shall confirm it")
-    if told.suspects:
-        return Need(-math.inf, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
     if told.doubted:
         return Need(-math.inf, f"the last replays make a change of {_joints(told.doubted)} likely: the next ones shall tell")
+    if told.suspects:
+        again = told.replayed_unix_s + DAY_S * (suspected_days(settings) - 0.5)  # windows are not always at the same time of the day
+        return Need(again, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
     last = told.replayed_unix_s + DAY_S * settings.at_most_days
     oldest = min(told.joints_unix_s)
     untold = oldest + DAY_S * settings.untold_days
@@ -59,6 +63,16 @@ def need(settings: ScheduleSettings, told: Told) -> Need:
         joints = [j + 1 for j, at in enumerate(told.joints_unix_s) if at + DAY_S * settings.untold_days <= max(untold, oldest) + DAY_S]
         return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.untold_days:g} days a replay is needed")
     return Need(last, f"{settings.at_most_days:g} days after the last replay")
+
+
+def suspected_days(settings: ScheduleSettings) -> float:
+    """Days between the replays that a suspicion asks for."""
+    return SUSPECTED_DAYS if settings.replay == ALWAYS else max(SUSPECTED_DAYS, SUSPECTED_SHARE * settings.untold_days)
+
+
+def suspicion_asks(settings: ScheduleSettings, replayed_unix_s: float | None, judged_unix_s: float) -> bool:
+    """Whether a suspicion asks for a replay in the day after the work of a day was judged, as in `need`."""
+    return replayed_unix_s is None or judged_unix_s - replayed_unix_s >= DAY_S * (suspected_days(settings) - 1.0)
 
 
 def needed_windows(windows: Sequence[Window], needed: Need) -> list[Window]:

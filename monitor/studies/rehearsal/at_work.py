@@ -50,7 +50,7 @@ class Plan:
     """When an arm is observed."""
 
     every_days: int = 1  # between replays, once the arm is learnt
-    work: bool = False  # whether its work is observed; wear that only work has found, or suspects, then asks for one on the next morning
+    work: bool = False  # whether its work is observed; wear that only work has found, or suspects, then asks for one
     schedule: ScheduleSettings | None = None  # by which the daemon decides, on every morning, whether a replay is needed; None: as above
 
 
@@ -148,7 +148,7 @@ def observed_days(fleet: FleetAtWork, days: int, plan: Plan, assess: AssessSetti
             needs.worked(day - 0.6, *(each.reshape(A, J) for each in (_learnt(result), judged.tier, judged.wanted, suspected)))
             yield judged
         if plan.schedule is None:
-            due = now.replayed & ((day < DAILY_UNTIL) | (day % plan.every_days == turn) | needs.asked)
+            due = now.replayed & ((day < DAILY_UNTIL) | (day % plan.every_days == turn) | needs.asked(day))
         else:
             due = now.replayed & needs.at(day, plan.schedule)
         replay = Replay(

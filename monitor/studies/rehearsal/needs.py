@@ -6,7 +6,7 @@ joints work has found wear, or makes it likely, or the last replays a change. No
 
 import numpy as np
 
-from monitor.acquire.schedule.needed import Told, need
+from monitor.acquire.schedule.needed import SUSPECTED_DAYS, Told, need
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.recording import DAY_S, Array
 
@@ -23,10 +23,10 @@ class Needs:
         self._doubted = np.zeros((arms, joints), dtype=bool)
         self._active = np.full((arms, joints), -1.0)  # tier of each joint's alert, −1: none
 
-    @property
-    def asked(self) -> np.ndarray:
-        """(A,) arms of which work asks for a replay."""
-        asked: np.ndarray = np.any(self._asks | self._suspects, axis=1)
+    def asked(self, day: int) -> np.ndarray:
+        """(A,) arms of which work asks for a replay on the morning of a day: of a suspicion on every second one."""
+        again = ~(day - self._replayed < SUSPECTED_DAYS - 0.5)
+        asked: np.ndarray = np.any(self._asks, axis=1) | (np.any(self._suspects, axis=1) & again)
         return asked
 
     def at(self, day: int, schedule: ScheduleSettings) -> np.ndarray:
