@@ -43,7 +43,7 @@ KNOWN_NOISE = 2.5
 LONG = 28.0  # [observations] age from which starts are summed; younger ones are told apart, and a rise among them is a step
 # [χ²] by which the thresholds of those are higher beside work: its noise lasts for days, has long tails and is not the judge's. Most false
 # advisories beside work were steps of 3 to 5 % within three weeks, and a step of 5 % is found a day later for it.
-OF_WORK = 4.0
+OF_WORK = 2.5
 SUMMED = 9.5  # [log] of the summed evidence from which a rise is found: by chance once in e^9.5 observations of a joint, 36 years
 SUMMED_STD = np.array([0.1, 0.2 / 365.0])[:, None]  # (2, 1) [log, 1/day] prior standard deviations of a step and of a rate in that sum
 RATES_PER_STEP = 3.0  # prior odds: joints begin to wear more often than they jump
