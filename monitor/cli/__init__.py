@@ -1,1 +1,1 @@
-"""The commands of `joint-monitor`, one module for each topic. A command reads its arguments, calls another room and prints. I/O."""
+"""The commands of `joint-monitor`, one module for each topic, in rooms. A command reads arguments, calls another room and prints. I/O."""

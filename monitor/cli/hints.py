@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import typer
 
-from monitor.cli.laws import CommandWithLaws
+from monitor.cli.offline.laws import CommandWithLaws
 from monitor.errors import BadInput
 
 # typer brings its own click, or uses the one that is installed: of either, what both kinds of mistakes are

@@ -13,32 +13,12 @@ import typer
 from typer.core import TyperGroup
 
 from monitor import __version__
-from monitor.cli import (
-    assess,
-    bus,
-    demo,
-    design,
-    gateway,
-    hand_over,
-    history,
-    identification,
-    init,
-    inspected,
-    live,
-    models,
-    motion,
-    plant,
-    prior,
-    query,
-    reassess,
-    reports,
-    service,
-    serviced,
-    simulator,
-    trial,
-    work,
-)
+from monitor.cli.arm import bus, hand_over, history, inspected, live, motion, service, serviced
 from monitor.cli.hints import CommandWithHints
+from monitor.cli.offline import assess, design, identification, models, prior, query, reassess, reports, work
+from monitor.cli.plant import gateway, plant
+from monitor.cli.setup import init
+from monitor.cli.simulated import demo, simulator, trial
 from monitor.errors import MonitorError
 
 

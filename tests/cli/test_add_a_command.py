@@ -25,6 +25,7 @@ def section() -> str:
 
 (MODULE,) = (textwrap.dedent(block) for block in re.findall(r"^ *```python\n(.*?)^ *```", section(), re.MULTILINE | re.DOTALL))
 BEFORE = re.search(r"here after `(\w+)`", section())[1]  # the topic that stands before the new one in TOPICS
+ROOM = re.search(r"here `monitor/cli/(\w+)/`", section())[1]  # where the new module lies
 
 
 class Program:
@@ -33,6 +34,7 @@ class Program:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.main = folder / "monitor" / "cli" / "main.py"
+        self.room = self.main.parent / ROOM
         self.config = folder / "cell.toml"
 
     def run(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -47,9 +49,9 @@ def program(tmp_path_factory) -> Program:
     made = Program(tmp_path_factory.mktemp("program"))
     shutil.copytree(ROOT / "monitor", made.folder / "monitor", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "config", made.folder / "config")
-    (made.main.parent / "outcomes.py").write_text(MODULE, "utf-8")
+    (made.room / "outcomes.py").write_text(MODULE, "utf-8")
     text = made.main.read_text("utf-8")
-    for place, new in ((r"^from monitor\.cli import \(?\s*", "outcomes, "), (rf"^TOPICS = \([^)]*\b{BEFORE},", " outcomes,")):
+    for place, new in ((rf"^from monitor\.cli\.{ROOM} import \(?\s*", "outcomes, "), (rf"^TOPICS = \([^)]*\b{BEFORE},", " outcomes,")):
         text, edits = re.subn(place, lambda match, new=new: match[0] + new, text, count=1, flags=re.MULTILINE)
         assert edits == 1, f"main.py has no place like {place!r}"
     made.main.write_text(text, "utf-8")
@@ -67,14 +69,14 @@ def test_the_page_names_a_topic_that_exists():
 
     names = [topic.__name__.rpartition(".")[2] for topic in main.TOPICS]
     assert BEFORE in names
-    modules = {path.stem for path in (ROOT / "monitor" / "cli").glob("*.py") if "\nCOMMANDS: Commands = " in path.read_text("utf-8")}
+    modules = {path.stem for path in (ROOT / "monitor" / "cli").rglob("*.py") if "\nCOMMANDS: Commands = " in path.read_text("utf-8")}
     assert set(names) == modules
 
 
 def test_the_new_command_is_in_the_help(program):
     """`--help` lists it in the place that TOPICS gives it, and its own help has its options."""
     listed = re.findall(r"^  ([a-z]+) ", program.run("--help").stdout.partition("Commands:")[2], re.MULTILINE)
-    before = list(importlib.import_module(f"monitor.cli.{BEFORE}").COMMANDS)[-1]
+    before = list(importlib.import_module(f"monitor.cli.{ROOM}.{BEFORE}").COMMANDS)[-1]
     assert listed.index("outcomes") == listed.index(before) + 1
     assert "--last" in program.run("outcomes", "--help").stdout
 
@@ -103,7 +105,7 @@ def test_a_mistake_is_a_sentence_and_exit_code_2(program, arguments, message):
 
 def test_the_new_module_has_the_styles_approval(program):
     """Ruff finds nothing in the page's module, and would not format it otherwise."""
-    module = str(program.main.parent / "outcomes.py")
+    module = str(program.room / "outcomes.py")
     for check in (["check"], ["format", "--check"]):
         command = [sys.executable, "-m", "ruff", *check, "--config", str(ROOT / "pyproject.toml"), module]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

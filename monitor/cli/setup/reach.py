@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from monitor.cli.questions import Questions, text_of
+from monitor.cli.setup.questions import Questions, text_of
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:

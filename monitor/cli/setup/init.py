@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from monitor import __version__
-from monitor.cli.init_cell import CellAnswers, cell_of
-from monitor.cli.init_next import check_and_next
-from monitor.cli.init_reach import reached
 from monitor.cli.options import FOR_ALL, Commands, complete_model, figures
-from monitor.cli.questions import Questions, listed, number_from, numbers, text_of
+from monitor.cli.setup.cell import CellAnswers, cell_of
+from monitor.cli.setup.next_command import check_and_next
+from monitor.cli.setup.questions import Questions, listed, number_from, numbers, text_of
+from monitor.cli.setup.reach import reached
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:

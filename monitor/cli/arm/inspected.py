@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli.declaring import check_words, declared
+from monitor.cli.arm.declaring import check_words, declared
 from monitor.cli.options import Commands, ConfigOption, JsonOption, load_configuration, print_json
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli import plant_enrol
+from monitor.cli.arm.service import EXIT_CONFIG
 from monitor.cli.options import Commands, ForceOption, Group, JsonOption, print_json, refuse_overwriting
-from monitor.cli.plant_file import OnlyCheckOption, PlantOption, loaded_plant, plant_database, run_alone
-from monitor.cli.service import EXIT_CONFIG
+from monitor.cli.plant import enrol as plant_enrol
+from monitor.cli.plant.file import OnlyCheckOption, PlantOption, loaded_plant, plant_database, run_alone
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:

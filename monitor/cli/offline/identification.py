@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli.laws import LAWS
+from monitor.cli.offline.laws import LAWS
 from monitor.cli.options import (
     ColumnsOption,
     Commands,

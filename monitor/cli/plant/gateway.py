@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from monitor.cli.arm.service import EXIT_CONFIG
 from monitor.cli.options import Commands, Group, JsonOption, print_json
-from monitor.cli.plant_file import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
-from monitor.cli.service import EXIT_CONFIG
+from monitor.cli.plant.file import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
 from monitor.errors import BadConfiguration
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from monitor.cli.questions import Questions, number_from, numbers, text_of
+from monitor.cli.setup.questions import Questions, number_from, numbers, text_of
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""The commands of the plant's host: `plant …` and `gateway …`."""

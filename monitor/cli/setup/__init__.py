@@ -1,0 +1,1 @@
+"""The command `init`: the questions and answers from which a first configuration is written."""
