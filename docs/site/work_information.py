@@ -22,9 +22,9 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.simulate.work import WorkSettings, record
-from monitor.store.recordings import write_recording
-from monitor.store.tables import write_table
-from monitor.store.work_files import ListenRequest, listen_to_files
+from monitor.store.formats.recordings import write_recording
+from monitor.store.formats.tables import write_table
+from monitor.store.from_files.work_files import ListenRequest, listen_to_files
 from monitor.views.plots.picture import write_picture
 
 ROOT = Path(__file__).parents[2]

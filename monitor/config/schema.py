@@ -20,8 +20,8 @@ from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.metrics_settings import MetricsSettings
 from monitor.publish.session import BusSettings, prefix
 from monitor.recording import Array, Context
-from monitor.store.archive_places import BUCKET, ENDPOINT
-from monitor.store.archive_settings import FOLDER, ArchiveSettings
+from monitor.store.archive.places import BUCKET, ENDPOINT
+from monitor.store.archive.settings import FOLDER, ArchiveSettings
 from monitor.views.web.settings import PageSettings
 
 if TYPE_CHECKING:

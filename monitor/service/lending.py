@@ -14,7 +14,7 @@ from monitor.acquire.schedule.windows import Window, blackouts
 from monitor.config.schema import Configuration
 from monitor.publish.timestamps import rfc3339
 from monitor.service.due import DueReplay, forget
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

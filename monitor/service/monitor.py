@@ -33,8 +33,8 @@ from monitor.service.history.recompute import roll_back
 from monitor.service.history.work import work_document
 from monitor.service.needed import needed
 from monitor.service.shared_state import SharedState
-from monitor.store.ledger import LedgerRow
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

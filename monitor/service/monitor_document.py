@@ -19,8 +19,8 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.store.backup import HISTORY, backups, made_at_unix_s
-from monitor.store.borrows import Borrow
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.borrows import Borrow
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
 

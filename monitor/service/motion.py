@@ -32,7 +32,7 @@ from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_
 from monitor.service.torque_basis import learnt_basis
 from monitor.service.written import written_apart
 from monitor.store.backup import present
-from monitor.store.motions import UNKNOWN_END
+from monitor.store.history.motions import UNKNOWN_END
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

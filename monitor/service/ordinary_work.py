@@ -32,7 +32,7 @@ from monitor.service.history.assess_and_store import EstimatorState, made_with
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
 from monitor.service.work_computing import DayInputs, ReplayInputs, declared_now, replay_model, work_verdict
-from monitor.store.ordinary_work import DayOfWork
+from monitor.store.history.ordinary_work import DayOfWork
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

@@ -14,9 +14,9 @@ from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.service.node_check import node_conditions
-from monitor.store.archive import Archive
+from monitor.store.archive.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
-from monitor.store.schema import schema_of
+from monitor.store.history.schema import schema_of
 from monitor.store.store import Store
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so

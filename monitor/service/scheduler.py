@@ -24,7 +24,7 @@ from monitor.service.lending import Lender, Lending, serves
 from monitor.service.needed import not_needed
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

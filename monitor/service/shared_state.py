@@ -15,7 +15,7 @@ from monitor.recording import Array
 from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.service.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

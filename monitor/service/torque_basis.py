@@ -14,7 +14,7 @@ from monitor.judge.torque.compensated_model import CompensatedModel, model_from_
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.service.apart import HERE, Compute, ComputingFailed
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

@@ -14,10 +14,10 @@ from monitor.recording import DAY_S
 from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.service.problems import Problems
 from monitor.service.pruning import going, prune
-from monitor.store.archive import Archive, ArchivedRecording, Copy
-from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.archived import ArchivedRow, Waiting
-from monitor.store.archiving import bring, changed, copies, listed
+from monitor.store.archive.archive import Archive, ArchivedRecording, Copy
+from monitor.store.archive.archived import ArchivedRow, Waiting
+from monitor.store.archive.archiving import bring, changed, copies, listed
+from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

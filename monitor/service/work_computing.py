@@ -20,7 +20,7 @@ from monitor.judge.work_observation import WorkObservation, context_of_work
 from monitor.judge.work_period import observation_of
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 
 class ReplayInputs(NamedTuple):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from monitor.recording import Recording
 from monitor.service.apart import Compute, ComputingFailed
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 log = logging.getLogger(__name__)
 

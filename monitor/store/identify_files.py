@@ -20,8 +20,8 @@ from monitor.identify.validate import Validation, validate
 from monitor.identify.warnings import of_held_out
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.recording import Array, Recording
-from monitor.store.archived_files import local_file
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
+from monitor.store.from_files.archived_files import local_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from monitor.errors import StoreError
 from monitor.recording import DAY_S
-from monitor.store.ledger import Ledger
-from monitor.store.recordings import RecordingFolder
+from monitor.store.formats.recordings import RecordingFolder
+from monitor.store.history.ledger import Ledger
 
 LEAST_KEPT = 10  # recordings that stay whatever the limits: a person who searches for a cause needs some
 

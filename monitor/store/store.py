@@ -14,23 +14,23 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError, StoreInUse
-from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.archived import Archived
-from monitor.store.assessments import Assessments
+from monitor.store.archive.archived import Archived
+from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
-from monitor.store.borrows import Borrows
-from monitor.store.changes import Changes
-from monitor.store.database import Database, Notes
-from monitor.store.duties import Duties
-from monitor.store.events import Events
-from monitor.store.ledger import Ledger
-from monitor.store.motions import Motions
-from monitor.store.ordinary_work import OrdinaryWork
-from monitor.store.recordings import RecordingFolder
+from monitor.store.formats.recordings import RecordingFolder
+from monitor.store.history.assessments import Assessments
+from monitor.store.history.borrows import Borrows
+from monitor.store.history.changes import Changes
+from monitor.store.history.database import Database, Notes
+from monitor.store.history.duties import Duties
+from monitor.store.history.events import Events
+from monitor.store.history.ledger import Ledger
+from monitor.store.history.motions import Motions
+from monitor.store.history.ordinary_work import OrdinaryWork
+from monitor.store.history.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
+from monitor.store.history.stops import FirstPasses, Stops
+from monitor.store.history.works import Works
 from monitor.store.retention import Retention
-from monitor.store.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
-from monitor.store.stops import FirstPasses, Stops
-from monitor.store.works import Works
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
 HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is

@@ -18,7 +18,7 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.stepped import GAIN, LOOKAHEAD_S, stepped_replay
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 UR10E_COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 UR10E = Installation(gains_nm_per_a=(14.87, 13.26, 11.13, 10.62, 11.03, 11.47))

@@ -25,7 +25,7 @@ from monitor.config.load import load
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 MOST_MIB, MOST_SHARE = 80.0, 1.0  # of each further daemon, its listener included; % of a core
 ARMS = "127.0.92."  # addresses of simulated arms

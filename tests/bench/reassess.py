@@ -41,9 +41,9 @@ from monitor.service.history.assess_and_store import assess_stored, load_state, 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.archive import Archive, key_of
-from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.recordings import recording_of, write_recording
+from monitor.store.archive.archive import Archive, key_of
+from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.formats.recordings import recording_of, write_recording
 from monitor.store.store import Store
 from monitor.studies.reassess.cluster import OF_WORKERS
 from monitor.studies.reassess.memory import keep_memory

@@ -24,7 +24,7 @@ from monitor.publish.timestamps import rfc3339
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 from monitor.store.store import Store
 from tests.bench.idle import core_s, family, pss_mib
 

@@ -9,7 +9,7 @@ from monitor.config.files import find_excitation
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 
 @pytest.fixture(scope="session")

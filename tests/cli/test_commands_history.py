@@ -12,7 +12,7 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.errors import BadInput, MonitorError
 from monitor.recording import Context, Recording
-from monitor.store.recordings import read_recording, write_recording
+from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
 DAY_S = 86_400.0

@@ -14,7 +14,7 @@ from command_line import printed
 from monitor.errors import BadInput, Unidentifiable
 from monitor.model.friction import automatic_laws
 from monitor.model.robot import load_robot
-from monitor.store.recordings import read_recording, write_recording
+from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.views.plots.residuals import Residuals, residual_plot
 
 

@@ -23,7 +23,7 @@ from monitor.cli.main import app
 from monitor.errors import MotionRefused
 from monitor.publish.registry import schema
 from monitor.publish.session import session_config
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 PROGRAM = (sys.executable, "-m", "monitor")

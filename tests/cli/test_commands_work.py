@@ -11,9 +11,9 @@ from command_line import printed
 from monitor.errors import BadInput, StoreError
 from monitor.identify.work.rows import WorkRows
 from monitor.model.robot import Mounting, load_robot
-from monitor.store.recordings import read_recording, write_recording
+from monitor.store.formats.recordings import read_recording, write_recording
+from monitor.store.from_files.work_files import ListenRequest, listen_to_files
 from monitor.store.store import Store
-from monitor.store.work_files import ListenRequest, listen_to_files
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from monitor.model.fourier import excitation_from_document
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 pytestmark = [pytest.mark.xdist_group("documentation"), pytest.mark.timeout(300)]
 

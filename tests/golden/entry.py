@@ -39,8 +39,8 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.launch import settings_from
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import read_recording, write_recording
-from monitor.store.series import Series, dated, manifest
+from monitor.store.formats.recordings import read_recording, write_recording
+from monitor.store.from_files.series import Series, dated, manifest
 from monitor.store.store import Store
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.rehearse import play as play_fleet

@@ -15,7 +15,7 @@ from monitor.identify.identify import identify
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.validate import validate
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 HEALTHY = worked_arm()
 

@@ -27,7 +27,7 @@ from monitor.model import friction
 from monitor.model.friction import FC, FV, LAWS, FrictionLaw, FrictionTerm, Quantity
 from monitor.model.robot import load_robot
 from monitor.recording import Context
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 UR5 = load_robot("ur5")
 QUADRATIC = np.array([9.0, 8.0, 7.0, 3.0, 2.5, 2.0])  # fq of each joint [N·m·s²/rad²]

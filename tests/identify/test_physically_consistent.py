@@ -24,7 +24,7 @@ from monitor.model.urdf import robot_from_urdf_text
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 ROOT = Path(__file__).parents[2]
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"

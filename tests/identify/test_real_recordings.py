@@ -19,7 +19,7 @@ from monitor.judge.torque.predictor import predict_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # of that arm's authors [N·m/A]

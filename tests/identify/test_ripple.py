@@ -13,7 +13,7 @@ from monitor.identify.signals.motion import SignalSettings, motion
 from monitor.identify.signals.ripple import FAST, SLOW, Unfiltered, combined, gear_ripple
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Recording
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 UR5 = load_robot("ur5")
 CYCLES = np.array([101.0, 202.0, 404.0])

@@ -12,7 +12,7 @@ from monitor.identify.work.gather import gather
 from monitor.identify.work.rows import WorkRows
 from monitor.identify.work.settings import WorkSettings
 from monitor.model.robot import Mounting, load_robot
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # of that arm's authors [N·m/A]

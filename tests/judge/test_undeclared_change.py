@@ -166,9 +166,9 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, 
     They have no temperature. Without temperatures wear cannot be judged, and an alert reports only this. With a constant temperature
     there is no wear alert either.
     """
-    from monitor.store import series
-    from monitor.store.recordings import read_recording
-    from monitor.store.series import Series, assess_series, manifest
+    from monitor.store.formats.recordings import read_recording
+    from monitor.store.from_files import series
+    from monitor.store.from_files.series import Series, assess_series, manifest
 
     def warm(path: object, columns: str) -> object:
         recording = read_recording(path, columns)

@@ -29,7 +29,7 @@ from monitor.service.written import written_apart
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 NOON = 1.78e9

@@ -14,8 +14,8 @@ from pyarrow import fs
 from s3_server import Passage, S3Server, s3_server
 from test_archive import rejected
 
-from monitor.store.archive import Archive
-from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archive.archive import Archive
+from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.store import Store
 
 pytestmark = pytest.mark.soak

@@ -29,8 +29,8 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import backup as module
 from monitor.store.backup import back_up, backups, fault
+from monitor.store.formats.recordings import write_recording
 from monitor.store.provenance import differences, processor_family
-from monitor.store.recordings import write_recording
 from monitor.store.retention import LEAST_KEPT, KeptRecording, to_prune
 from monitor.store.store import RESTORED, Store
 
@@ -303,7 +303,7 @@ def test_after_retention_a_recomputation_goes_on_from_the_next_checkpoint(
     tmp_path: Path, recordings: list[Recording], monkeypatch: pytest.MonkeyPatch
 ):
     """Verdicts that cannot be recomputed any more are counted. From the next checkpoint on, all are identical."""
-    monkeypatch.setattr("monitor.store.assessments.CHECKPOINT_EVERY", 3)
+    monkeypatch.setattr("monitor.store.history.assessments.CHECKPOINT_EVERY", 3)
     with Store.open(tmp_path) as store:
         lived(store, configuration(tmp_path), recordings, range(5))
         store.recordings.path(2).unlink()

@@ -12,7 +12,7 @@ import pytest
 from test_daemon import Cell, children, eventually, gone, standing
 
 from monitor.simulate.remote import Remote
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 KILLS = 100

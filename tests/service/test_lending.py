@@ -22,7 +22,7 @@ from monitor.service.due import DueReplay
 from monitor.service.monitor_document import borrowed_document, status_line
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 from monitor.views.terminal.arm import borrowed_text
 

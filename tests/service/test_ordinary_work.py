@@ -37,9 +37,9 @@ from monitor.service.needed import need_document, needed
 from monitor.service.ordinary_work import OrdinaryWork
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
-from monitor.store.database import packed
-from monitor.store.ordinary_work import DayOfWork
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
+from monitor.store.history.database import packed
+from monitor.store.history.ordinary_work import DayOfWork
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
 from monitor.views.report.ordinary_work import from_work

@@ -19,7 +19,7 @@ from test_store import DAY, commit, replayed
 from monitor.errors import BadInput, StoreError
 from monitor.service.history.query import ask, plain, unique
 from monitor.service.history.query_tables import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, sources_at
-from monitor.store.schema import MIGRATIONS
+from monitor.store.history.schema import MIGRATIONS
 from monitor.store.store import Store
 
 duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: pip install 'joint-monitor[archive]'")

@@ -19,7 +19,7 @@ from monitor.service.history.recompute import roll_back
 from monitor.service.problems import Problems
 from monitor.service.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler, too_little_room
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 
 DAY = 86_400.0

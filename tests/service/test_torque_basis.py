@@ -15,7 +15,7 @@ from monitor.service.torque_basis import torque_basis
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 from monitor.store.store import Store
 
 EXCITATION = replace(find_excitation("ur5-ground", Path()), repetitions=1)

@@ -14,7 +14,7 @@ from monitor.config.load import load
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.recordings import write_recording
+from monitor.store.formats.recordings import write_recording
 
 WHY_NOT = why_not()
 pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"NO REAL SYSTEMD IN THIS RUN, the unit is not tested: {WHY_NOT}")

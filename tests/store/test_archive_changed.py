@@ -11,9 +11,9 @@ from monitor.errors import ArchiveConflict
 from monitor.service import uploads as uploads_module
 from monitor.service.problems import Problems
 from monitor.service.uploads import PROBLEM, Uploads
-from monitor.store.archive import Archive, key_of
+from monitor.store.archive.archive import Archive, key_of
 from monitor.store.backup import HISTORY, back_up
-from monitor.store.recordings import read_recording, write_recording
+from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from monitor.errors import BadInput, StoreError
 from monitor.recording import Context, Recording
-from monitor.store.recordings import read_recording, write_recording
+from monitor.store.formats.recordings import read_recording, write_recording
 
 SPEC = "timestamp,actual_q:2,actual_qd:2,actual_current:2"
 HEADER = ["timestamp", "actual_q_0", "actual_q_1", "actual_qd_0", "actual_qd_1", "actual_current_0", "actual_current_1"]

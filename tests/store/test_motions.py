@@ -12,7 +12,7 @@ import pytest
 from prepared import Process
 
 from monitor.errors import MotionRefused, StoreError
-from monitor.store import schema as module
+from monitor.store.history import schema as module
 from monitor.store.store import Store
 
 BEGIN = """

@@ -225,7 +225,7 @@ def test_a_first_pass_is_valid_until_its_circumstances_change(tmp_path: Path):
 
 def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path):
     """Tables are added and rows stay. A reader reads the same, and leaves the file as it was."""
-    from monitor.store import schema as module
+    from monitor.store.history import schema as module
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "HISTORY_SCHEMA", 1)

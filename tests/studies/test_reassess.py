@@ -26,10 +26,10 @@ from monitor.service.history.work import declare_work
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.archive import Archive, key_of
-from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archive.archive import Archive, key_of
+from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.formats.recordings import write_recording
 from monitor.store.provenance import provenance
-from monitor.store.recordings import write_recording
 from monitor.store.store import Store
 from monitor.studies.reassess.cluster import SchedulerLost
 from monitor.studies.reassess.compare import Said, changed_alerts, counts, episodes

@@ -133,7 +133,7 @@ def import_(
 ) -> None:
     """Recordings made elsewhere into the history, judged in time order and marked as imported. The daemon must not run."""
     from monitor.service.history.transfer import import_recordings
-    from monitor.store.series import given_entries
+    from monitor.store.from_files.series import given_entries
     from monitor.store.store import Store
     from monitor.views.terminal.progress import status as status_line
 
@@ -168,7 +168,7 @@ def _all_rows(store: "Store", joint: int | None, begin_unix_s: float | None, end
 
 def _when(text: str | None, option: str) -> float | None:
     """The time of an option, in seconds since 1970; None where the option is absent. Raises BadInput."""
-    from monitor.store.series import when
+    from monitor.store.from_files.series import when
 
     return None if text is None else when(text, option)
 

@@ -72,7 +72,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
 def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOption = False, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
     from monitor.service.motion import move
-    from monitor.store.recordings import write_recording
+    from monitor.store.formats.recordings import write_recording
     from monitor.store.store import Store
     from monitor.views.terminal.progress import progress
 
@@ -126,7 +126,7 @@ def record(
 ) -> None:
     """Only listen, while a program of yours moves the arm, and save the recording."""
     from monitor.acquire.record import record as listen
-    from monitor.store.recordings import write_recording
+    from monitor.store.formats.recordings import write_recording
     from monitor.views.terminal.progress import progress
 
     configuration = load_configuration(config)
@@ -165,7 +165,7 @@ def allow(
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
     from monitor.service.left_arm import let_back
-    from monitor.store.stops import WAY_BACK
+    from monitor.store.history.stops import WAY_BACK
     from monitor.store.store import Store
 
     configuration = load_configuration(config)

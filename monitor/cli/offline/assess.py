@@ -24,7 +24,7 @@ from monitor.cli.options import (
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
-    from monitor.store.series import Entry, Series
+    from monitor.store.from_files.series import Entry, Series
 
 EXIT_DIFFERENT = 3  # of `assess --from-store`: a verdict came out otherwise, or a recording is not the one that was made
 FLEET_JOINTS = 6  # of an arm of the simulated fleet
@@ -56,7 +56,7 @@ def assess(
         _assess_from_store(config, others=any(value is not None for value in given), as_json=as_json)
         return
     from monitor.publish.timestamps import outside
-    from monitor.store.series import assess_series, given_entries
+    from monitor.store.from_files.series import assess_series, given_entries
     from monitor.views.terminal.progress import status as status_line
     from monitor.views.terminal.studies import print_assessment
 
@@ -77,7 +77,7 @@ def _series(
     from monitor.assess import AssessSettings
     from monitor.model.robot import Mounting
     from monitor.store import identify_files
-    from monitor.store.series import Series
+    from monitor.store.from_files.series import Series
 
     configuration = None
     if config is not None:

@@ -40,7 +40,7 @@ def listen(
     from monitor.identify.work.settings import WorkSettings
     from monitor.model.robot import Mounting, load_robot
     from monitor.store import identify_files
-    from monitor.store.work_files import ListenRequest, listen_to_files
+    from monitor.store.from_files.work_files import ListenRequest, listen_to_files
     from monitor.views.terminal.progress import progress
     from monitor.views.terminal.work import print_listened
 

@@ -144,7 +144,7 @@ def simulate_work(
     from monitor.simulate.launch import numbers
     from monitor.simulate.scenario import Room
     from monitor.simulate.work import WorkSettings, arm_in_cell, record
-    from monitor.store.tables import check_table, write_table
+    from monitor.store.formats.tables import check_table, write_table
 
     if output is None:
         raise BadInput("simulate-work: -o FILE is missing; expected a file that ends in .parquet or .csv")

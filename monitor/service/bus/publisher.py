@@ -18,7 +18,7 @@ from monitor.service.history.inspection import inspection_document
 from monitor.service.history.work import friction_known, row_document
 from monitor.service.needed import need_document, needed
 from monitor.service.shared_state import SharedState
-from monitor.store.events import AlertEvent
+from monitor.store.history.events import AlertEvent
 from monitor.store.store import Store
 
 

@@ -25,9 +25,9 @@ from monitor.model.robot import Mounting, Robot
 from monitor.publish.live_torque import sample_var
 from monitor.recording import Array, Recording
 from monitor.service.apart import HERE, Compute
-from monitor.store.events import AlertEvent
+from monitor.store.formats.recordings import read_recording, write_recording
+from monitor.store.history.events import AlertEvent
 from monitor.store.provenance import provenance
-from monitor.store.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

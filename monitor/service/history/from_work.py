@@ -8,7 +8,7 @@ import numpy as np
 from monitor.judge.document import plain
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.store.ordinary_work import DayOfWork
+from monitor.store.history.ordinary_work import DayOfWork
 from monitor.store.store import Store
 
 

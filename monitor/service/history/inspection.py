@@ -13,7 +13,7 @@ from monitor.publish.inspection_documents import InspectedRequest, UndoInspected
 from monitor.publish.timestamps import outside, rfc3339, unix_s
 from monitor.recording import DAY_S
 from monitor.service.history.declared_time import declared_time
-from monitor.store.duties import DutyDay, InspectionRow, SafetyStop
+from monitor.store.history.duties import DutyDay, InspectionRow, SafetyStop
 from monitor.store.store import Store
 
 Request = InspectedRequest | UndoInspectedRequest

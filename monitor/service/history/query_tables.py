@@ -15,8 +15,8 @@ from typing import Any
 import orjson
 
 from monitor.errors import BadInput, StoreError
-from monitor.store.archive import Archive, ArchivedRecording, RecordingCache, split_address
-from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archive.archive import Archive, ArchivedRecording, RecordingCache, split_address
+from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.backup import HISTORY, connected
 from monitor.store.store import Store
 

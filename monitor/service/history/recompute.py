@@ -25,13 +25,13 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.apart import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, Inputs, assessed, robot_digest
-from monitor.store.assessments import JudgedReplay
-from monitor.store.events import AlertEvent
-from monitor.store.ordinary_work import DayOfWork
+from monitor.store.formats.recordings import read_recording
+from monitor.store.history.assessments import JudgedReplay
+from monitor.store.history.events import AlertEvent
+from monitor.store.history.ordinary_work import DayOfWork
+from monitor.store.history.works import Amendment
 from monitor.store.provenance import differences, provenance
-from monitor.store.recordings import read_recording
 from monitor.store.store import Store
-from monitor.store.works import Amendment
 
 MOST_LISTED = 20  # assessments in the list of differences, and figures of each
 # beginnings of the reason why a verdict cannot be repeated: its recording is not there any more, or is not the one that was made

@@ -19,8 +19,8 @@ from monitor.service.history.from_work import from_work_document
 from monitor.service.history.inspection import inspection_document, stop_document
 from monitor.service.history.work import row_document
 from monitor.service.needed import need_document, needed
-from monitor.store.events import AlertEvent
-from monitor.store.stops import Stop
+from monitor.store.history.events import AlertEvent
+from monitor.store.history.stops import Stop
 from monitor.store.store import Store
 
 GAP = 2.5  # times the usual interval between replays: a longer pause is a gap in the monitoring

@@ -28,10 +28,10 @@ from monitor.service.history.inspection import inspection_document
 from monitor.service.history.work import friction_known, row_document
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.service.needed import need_document, needed
-from monitor.store.assessments import StoredState
 from monitor.store.backup import present
-from monitor.store.borrows import Borrow
-from monitor.store.ledger import LedgerRow, Try
+from monitor.store.history.assessments import StoredState
+from monitor.store.history.borrows import Borrow
+from monitor.store.history.ledger import LedgerRow, Try
 from monitor.store.store import Store
 
 WORKS_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`

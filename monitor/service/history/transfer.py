@@ -15,9 +15,9 @@ from monitor.identify.signals.same_motion import with_motions
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
-from monitor.store.columns import named_columns
-from monitor.store.recordings import read_recording, write_recording
-from monitor.store.series import Entry, Series, dated
+from monitor.store.formats.columns import named_columns
+from monitor.store.formats.recordings import read_recording, write_recording
+from monitor.store.from_files.series import Entry, Series, dated
 from monitor.store.store import Store
 
 AHEAD_S = 300.0  # [s] the clock of the host that made a recording may be so far ahead

@@ -24,9 +24,9 @@ from monitor.service.apart import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
 from monitor.service.history.declared_time import declared_time
 from monitor.service.history.recompute import repeated_since
-from monitor.store.events import AlertEvent
+from monitor.store.history.events import AlertEvent
+from monitor.store.history.works import WorkRow
 from monitor.store.store import Store
-from monitor.store.works import WorkRow
 
 MOST_REPEATED = 60  # replays that are judged once more where work is taken back: two weeks of four a day, half a minute of computing
 

@@ -14,10 +14,10 @@ from monitor.judge.drift.work import Work
 from monitor.judge.works import begin_works, with_new_joints
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.recompute import Change, judge_day
-from monitor.store.events import AlertEvent
-from monitor.store.ordinary_work import DayOfWork
+from monitor.store.history.events import AlertEvent
+from monitor.store.history.ordinary_work import DayOfWork
+from monitor.store.history.works import Amendment, WorkRow
 from monitor.store.store import Store
-from monitor.store.works import Amendment, WorkRow
 from monitor.studies.reassess.compare import Said, of_the_monitor
 from monitor.studies.reassess.settings import settings_with
 

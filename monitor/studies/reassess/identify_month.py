@@ -12,7 +12,7 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import robot_digest
 from monitor.service.history.recompute import settings_from_document
-from monitor.store.recordings import RecordingFolder, recording_of
+from monitor.store.formats.recordings import RecordingFolder, recording_of
 from monitor.studies.reassess.cost import Cost, Meter
 from monitor.studies.reassess.files import Files, ReadAhead
 from monitor.studies.reassess.identified import CHANGED, GONE, IDENTIFIED, REFUSED, UNIDENTIFIABLE, IdentifiedReplay, to_bytes

@@ -15,7 +15,7 @@ from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.recompute import CHANGED, GONE, Tally, amended, repeat
-from monitor.store.assessments import JudgedReplay
+from monitor.store.history.assessments import JudgedReplay
 from monitor.store.store import Store
 from monitor.studies.reassess import identified
 from monitor.studies.reassess.amendments import AmendAnew

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from monitor.errors import BadInput, StoreError
-from monitor.store.assessments import JudgedReplay
 from monitor.store.backup import HISTORY
+from monitor.store.history.assessments import JudgedReplay
 from monitor.store.store import Store
 from monitor.studies.reassess.settings import for_arm, settings_with, with_changes
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, BadInput, StoreError
-from monitor.store.archive_places import open_place
-from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archive.places import open_place
+from monitor.store.archive.settings import ArchiveSettings
 
 Found = TypeVar("Found")
 

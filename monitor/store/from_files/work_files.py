@@ -23,8 +23,8 @@ from monitor.identify.work.rows import WorkRows, windows
 from monitor.identify.work.settings import WorkSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import DAY_S, Array, Recording, known_or_none
-from monitor.store.archived_files import local_file
-from monitor.store.recordings import read_recording, read_work
+from monitor.store.formats.recordings import read_recording, read_work
+from monitor.store.from_files.archived_files import local_file
 from monitor.store.store import Store
 
 DURING = "in these recordings"

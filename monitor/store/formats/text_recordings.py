@@ -12,7 +12,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.work.rows import WorkRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.columns import Layout, constant_value, layout_by_name, parse_columns, signals_of, work_rows
+from monitor.store.formats.columns import Layout, constant_value, layout_by_name, parse_columns, signals_of, work_rows
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line

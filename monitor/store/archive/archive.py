@@ -1,7 +1,7 @@
 """The archive of recordings: immutable Parquet in a bucket or a folder, under `site=…/robot=…/year=…/`. I/O; it knows no daemon.
 
 The name of a recording holds its time, the number of its replay and the beginning of its SHA-256: the same recording always has the same
-name, and two recordings never share one. What is there is never overwritten. `monitor.store.archive_places` speaks with the places.
+name, and two recordings never share one. What is there is never overwritten. `monitor.store.archive.places` speaks with the places.
 """
 
 import hashlib
@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, BadInput
-from monitor.store.archive_places import Place, open_place
-from monitor.store.archive_settings import ArchiveSettings
+from monitor.store.archive.places import Place, open_place
+from monitor.store.archive.settings import ArchiveSettings
 
 DIGITS = 16  # of the SHA-256 in a name: two recordings of one replay and one second that share them do not occur
 CACHE_BYTES = 2_000_000_000  # of fetched recordings on this machine

@@ -4,7 +4,7 @@ Replays are not judged in the order of their numbers: a recording may wait, and 
 history asks for the changes after a number, and misses nothing. Triggers of the database write the log, so no writer can forget it.
 """
 
-from monitor.store.database import Database, set_note
+from monitor.store.history.database import Database, set_note
 
 HISTORY_ID = "history_id"  # name of the note that tells this history from every other one
 

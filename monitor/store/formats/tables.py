@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from monitor.errors import BadInput, StoreError
 from monitor.recording import Array, Context
-from monitor.store.recordings import METADATA
+from monitor.store.formats.recordings import METADATA
 
 SUFFIXES = (".csv", ".parquet")
 

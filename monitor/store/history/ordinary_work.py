@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.errors import StoreError
-from monitor.store.assessments import insert_provenance
-from monitor.store.database import Database, json_text, packed, unpacked
-from monitor.store.events import AlertEvent, insert_events
+from monitor.store.history.assessments import insert_provenance
+from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.store.history.events import AlertEvent, insert_events
 
 _KEYS = ("day", "at_unix_s", "document", "context", "learnt", "made_with")
 

@@ -18,8 +18,8 @@ from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.timestamps import unix_s
 from monitor.recording import Array, Recording
-from monitor.store.archived_files import local_file
-from monitor.store.recordings import read_recording
+from monitor.store.formats.recordings import read_recording
+from monitor.store.from_files.archived_files import local_file
 
 UNDATED_START_UNIX_S = 946_684_800.0  # 2000-01-01: the time of the first file where files have no times of their own
 MANIFEST_COLUMNS = ("file", "recorded_at", "payload_kg", "mounting", "note", "maintenance", "joint_serials", "revolutions")

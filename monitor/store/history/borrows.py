@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from monitor.store.database import Database
-from monitor.store.ledger import LedgerRow
+from monitor.store.history.database import Database
+from monitor.store.history.ledger import LedgerRow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

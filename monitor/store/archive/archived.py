@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.errors import ArchiveConflict, StoreError
-from monitor.store.archive import DIGITS, Copy, RecordingCache
-from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.database import Database, Notes
-from monitor.store.recordings import RecordingFolder
+from monitor.store.archive.archive import DIGITS, Copy, RecordingCache
+from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.formats.recordings import RecordingFolder
+from monitor.store.history.database import Database, Notes
 
 PLACE = "archive"  # name of the note with the archive's settings: whoever has the history finds its recordings
 _WAITING = (

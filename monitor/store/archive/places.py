@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 from urllib.parse import urlsplit
 
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, BadInput
-from monitor.store.archive_settings import ArchiveSettings, keys_of
+from monitor.store.archive.settings import ArchiveSettings, keys_of
 
 Found = TypeVar("Found")
 

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.store.database import Database, json_text, packed, unpacked
-from monitor.store.events import AlertEvent, insert_events
-from monitor.store.works import insert_works
+from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.store.history.events import AlertEvent, insert_events
+from monitor.store.history.works import insert_works
 
 CHECKPOINT_EVERY = (
     30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day

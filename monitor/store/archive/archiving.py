@@ -4,10 +4,10 @@ import hashlib
 from collections.abc import Generator, Sequence
 
 from monitor.errors import ArchiveConflict, StoreError
-from monitor.store.archive import Archive, ArchivedRecording, Copy, key_of, split_address
-from monitor.store.archive_settings import ArchiveSettings
-from monitor.store.archived import ArchivedRow, Waiting
-from monitor.store.recordings import recorded_at_unix_s
+from monitor.store.archive.archive import Archive, ArchivedRecording, Copy, key_of, split_address
+from monitor.store.archive.archived import ArchivedRow, Waiting
+from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.formats.recordings import recorded_at_unix_s
 
 
 def bring(

@@ -17,8 +17,8 @@ import numpy as np
 from monitor.errors import BadInput, StoreError
 from monitor.identify.work.rows import WorkRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, signals_of, work_rows
-from monitor.store.text_recordings import read_text
+from monitor.store.formats.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, signals_of, work_rows
+from monitor.store.formats.text_recordings import read_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,7 +5,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from monitor.store.database import Database, json_text, set_note
+from monitor.store.history.database import Database, json_text, set_note
 
 EARLY_ALERTS = "early_alerts"  # name of the note with the alerts from before the first assessment
 

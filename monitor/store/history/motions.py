@@ -15,8 +15,8 @@ from typing import Any
 
 from monitor.errors import MotionRefused
 from monitor.store.backup import refused_by
-from monitor.store.database import Database, json_text, set_note
-from monitor.store.stops import LEFT, SERIAL, insert_stop
+from monitor.store.history.database import Database, json_text, set_note
+from monitor.store.history.stops import LEFT, SERIAL, insert_stop
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
 LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond

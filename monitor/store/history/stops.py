@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.store.database import Database, json_text, set_note
+from monitor.store.history.database import Database, json_text, set_note
 
 SERIAL = "arm_serial"  # name of the note with the serial number of the arm that this history belongs to
 LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back

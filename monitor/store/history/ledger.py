@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from monitor.store.database import Database
-from monitor.store.recordings import RecordingFolder
-from monitor.store.stops import insert_stop
+from monitor.store.formats.recordings import RecordingFolder
+from monitor.store.history.database import Database
+from monitor.store.history.stops import insert_stop
 
 _KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.errors import StoreError
-from monitor.store.database import Database, json_text, packed, unpacked
-from monitor.store.events import AlertEvent, insert_events
+from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.store.history.events import AlertEvent, insert_events
 
 Documents = tuple[Mapping[str, Any], Mapping[str, Any]]  # of belief and health
 _KEYS = ("id", "ledger_id", "joint", "declared_at_unix_s", "document", "undone_at_unix_s", "undone_by", "undone_why")

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from monitor.store.database import Database
+from monitor.store.history.database import Database
 
 MOST_STOPS = 10_000  # newest stops that are kept one by one; the days count all of them
 _STOP = ("id", "at_unix_s", "kind", "ended_at_unix_s", "joint", "code", "during_replay")
