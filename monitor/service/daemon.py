@@ -6,19 +6,19 @@ from collections.abc import Callable
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
-from monitor.service.apart import HERE, Compute
 from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.live import LiveComparison
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
-from monitor.service.inspection import Duty
-from monitor.service.learning import ArmHeard, nothing_learnt, situation
+from monitor.service.maintenance.inspection import Duty
+from monitor.service.maintenance.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.monitor import Borrow, Monitor, Replay
-from monitor.service.ordinary_work import OrdinaryWork
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.processes.apart import HERE, Compute
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
+from monitor.service.work.ordinary_work import OrdinaryWork
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

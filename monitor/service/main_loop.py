@@ -9,8 +9,8 @@ from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.errors import StoreError
 from monitor.service.bus.live import ArmLink, LiveFeed
 from monitor.service.daemon import Daemon
-from monitor.service.inspection import ErrorLink
-from monitor.service.maintenance import Maintenance
+from monitor.service.maintenance.inspection import ErrorLink
+from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument, status_line
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader

@@ -15,11 +15,10 @@ from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnre
 from monitor.judge.alerts.staleness import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
-from monitor.service.apart import ComputingFailed
-from monitor.service.borrowing import BorrowedWindow
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
-from monitor.service.due import DueReplay
+from monitor.service.hand_over.borrowing import BorrowedWindow
+from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import (
     HistoryEntry,
     Verdict,
@@ -32,6 +31,7 @@ from monitor.service.history.assess_and_store import (
 from monitor.service.history.recompute import roll_back
 from monitor.service.history.work import work_document
 from monitor.service.needed import needed
+from monitor.service.processes.apart import ComputingFailed
 from monitor.service.shared_state import SharedState
 from monitor.store.formats.recordings import write_recording
 from monitor.store.history.ledger import LedgerRow

@@ -18,24 +18,24 @@ from monitor.model.fourier import Excitation
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
-from monitor.service.apart import HERE, Apart
-from monitor.service.borrowing import BorrowedWindow, program_of
 from monitor.service.daemon import Daemon
+from monitor.service.hand_over.borrowing import BorrowedWindow, program_of
+from monitor.service.hand_over.node_server import NodeServer
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
-from monitor.service.maintenance import Maintenance
+from monitor.service.maintenance.maintenance import Maintenance
+from monitor.service.maintenance.preflight import misfit
+from monitor.service.maintenance.uploads import Stopping, Uploads
 from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
-from monitor.service.motion import move
-from monitor.service.node_server import NodeServer
 from monitor.service.page import page
-from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
-from monitor.service.progress_log import progress_log
+from monitor.service.processes.apart import HERE, Apart
 from monitor.service.reload import Reloader
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.replay.motion import move
+from monitor.service.replay.progress_log import progress_log
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
 from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
-from monitor.service.uploads import Stopping, Uploads
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

@@ -12,9 +12,9 @@ from monitor.judge.torque.compensated_model import CompensatedModel
 from monitor.model.robot import Robot
 from monitor.publish.live_torque import LiveTorque, sample_var
 from monitor.recording import Array
-from monitor.service.apart import HERE, Compute, ComputingFailed
-from monitor.service.due import DueReplay
+from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState
+from monitor.service.processes.apart import HERE, Compute, ComputingFailed
 from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 

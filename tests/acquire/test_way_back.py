@@ -11,7 +11,7 @@ from simulated_arm import simulated_arm
 from monitor.config.load import load
 from monitor.errors import ReplayAborted
 from monitor.model.fourier import Excitation
-from monitor.service.motion import move
+from monitor.service.replay.motion import move
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 

@@ -28,11 +28,11 @@ from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.info import digest
 from monitor.service.daemon import Daemon
 from monitor.service.main_loop import MainLoop, Workers
-from monitor.service.maintenance import Maintenance
+from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Scheduler
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller

@@ -7,7 +7,7 @@ from lived_monitor import configuration, identified, live_through
 
 from monitor.errors import BadConfiguration
 from monitor.judge.drift.settings import DriftSettings
-from monitor.service.preflight import service_conditions
+from monitor.service.maintenance.preflight import service_conditions
 from monitor.service.run import check_fits
 from monitor.store.store import Store
 

@@ -15,7 +15,7 @@ from monitor.errors import StoreUnavailable
 from monitor.publish.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
-from monitor.service.maintenance import Maintenance
+from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument, not_watched, read_monitor_document, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups

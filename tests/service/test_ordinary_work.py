@@ -25,8 +25,6 @@ from monitor.publish.metrics import families
 from monitor.publish.registry import KINDS
 from monitor.publish.timestamps import outside
 from monitor.recording import DAY_S, Array, Recording
-from monitor.service import ordinary_work, work_computing
-from monitor.service.apart import HERE, Apart, Compute, ComputingFailed
 from monitor.service.history import status
 from monitor.service.history.assess_and_store import load_state
 from monitor.service.history.from_work import from_work_document
@@ -34,9 +32,11 @@ from monitor.service.history.recompute import recompute, roll_back
 from monitor.service.history.report import report as report_document
 from monitor.service.history.status import schedule_document, status_document
 from monitor.service.needed import need_document, needed
-from monitor.service.ordinary_work import OrdinaryWork
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.processes.apart import HERE, Apart, Compute, ComputingFailed
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
+from monitor.service.work import ordinary_work, work_computing
+from monitor.service.work.ordinary_work import OrdinaryWork
 from monitor.store.formats.recordings import read_recording
 from monitor.store.history.database import packed
 from monitor.store.history.ordinary_work import DayOfWork
@@ -261,7 +261,7 @@ DAEMON = """
 import sys, time
 from pathlib import Path
 from monitor.config.load import load
-from monitor.service import ordinary_work
+from monitor.service.work import ordinary_work
 from monitor.service.run import serve
 from monitor.service.scheduler import Clocks
 ordinary_work.BLOCK_S, ordinary_work.KEEP_EVERY_S, ordinary_work.PAUSE_S = 3.0, 0.5, 0.1  # a minute of work in three seconds

@@ -18,9 +18,9 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.ur.driver import UniversalRobots
 from monitor.config.load import load
 from monitor.errors import BadInput, RobotUnreachable
-from monitor.service.node_check import node_conditions, own_address
-from monitor.service.node_server import NO_TEXT, PROBLEM, NodeServer
-from monitor.service.node_text import NodeText, keep, kept, node_text, number_of, version_of
+from monitor.service.hand_over.node_check import node_conditions, own_address
+from monitor.service.hand_over.node_server import NO_TEXT, PROBLEM, NodeServer
+from monitor.service.hand_over.node_text import NodeText, keep, kept, node_text, number_of, version_of
 from monitor.service.problems import Problems
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.program_tree import load_tree

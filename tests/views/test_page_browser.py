@@ -17,7 +17,7 @@ from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
 from monitor.model.joint_names import joint_name
 from monitor.publish.timestamps import outside
-from monitor.service.due import DueReplay
+from monitor.service.hand_over.due import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 

@@ -16,10 +16,10 @@ from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest, ServicedRequest, UndoServicedRequest
 from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.timestamps import outside
-from monitor.service.apart import ComputingFailed
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.inspection import declare
 from monitor.service.history.work import Declared, declare_work, undo_work
+from monitor.service.processes.apart import ComputingFailed
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
 

@@ -23,7 +23,7 @@ from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.publisher import event_document
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
 from monitor.store.store import Store
 

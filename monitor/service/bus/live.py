@@ -12,7 +12,7 @@ from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array
 from monitor.service.bus.production import Production, Sample
 from monitor.service.bus.publisher import Publisher
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
 
 log = logging.getLogger(__name__)

@@ -24,7 +24,7 @@ from monitor.judge.torque.compensated_model import CompensatedModel, model_from_
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.live_torque import sample_var
 from monitor.recording import Array, Recording
-from monitor.service.apart import HERE, Compute
+from monitor.service.processes.apart import HERE, Compute
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.history.events import AlertEvent
 from monitor.store.provenance import provenance

@@ -21,7 +21,7 @@ from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
-from monitor.service.due import DueReplay
+from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState, early_alerts
 from monitor.service.history.from_work import from_work_document
 from monitor.service.history.inspection import inspection_document

@@ -20,10 +20,10 @@ from monitor.model.joint_names import joint_text
 from monitor.publish.documents import ServicedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
-from monitor.service.apart import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
 from monitor.service.history.declared_time import declared_time
 from monitor.service.history.recompute import repeated_since
+from monitor.service.processes.apart import HERE, Compute
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.works import WorkRow
 from monitor.store.store import Store

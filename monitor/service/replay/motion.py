@@ -27,10 +27,10 @@ from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
-from monitor.service.apart import HERE, Compute
-from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
-from monitor.service.torque_basis import learnt_basis
-from monitor.service.written import written_apart
+from monitor.service.processes.apart import HERE, Compute
+from monitor.service.processes.written import written_apart
+from monitor.service.replay.left_arm import condition_inputs, left_by, left_in, with_a_person
+from monitor.service.replay.torque_basis import learnt_basis
 from monitor.store.backup import present
 from monitor.store.history.motions import UNKNOWN_END
 from monitor.store.store import Store

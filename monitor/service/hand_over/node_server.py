@@ -11,7 +11,7 @@ from monitor.acquire.hand_over.server import HandOverServer
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import MonitorError
-from monitor.service.node_text import NodeText, keep, kept, node_text
+from monitor.service.hand_over.node_text import NodeText, keep, kept, node_text
 from monitor.service.problems import Problems
 
 log = logging.getLogger(__name__)

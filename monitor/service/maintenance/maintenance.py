@@ -8,9 +8,9 @@ from collections.abc import Callable
 from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
 from monitor.recording import DAY_S
-from monitor.service.left_arm import away
+from monitor.service.maintenance.pruning import prune
 from monitor.service.problems import Problems
-from monitor.service.pruning import prune
+from monitor.service.replay.left_arm import away
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import backups, lost, made_at_unix_s
 from monitor.store.store import Store

@@ -26,12 +26,12 @@ from monitor.judge.document import plain
 from monitor.judge.drift.contexts import differences
 from monitor.judge.work_observation import context_of_work
 from monitor.recording import DAY_S, Array, Context
-from monitor.service.apart import HERE, Compute, ComputingFailed
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import EstimatorState, made_with
-from monitor.service.replay_requests import ReplayRequests
+from monitor.service.processes.apart import HERE, Compute, ComputingFailed
+from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
-from monitor.service.work_computing import DayInputs, ReplayInputs, declared_now, replay_model, work_verdict
+from monitor.service.work.work_computing import DayInputs, ReplayInputs, declared_now, replay_model, work_verdict
 from monitor.store.history.ordinary_work import DayOfWork
 from monitor.store.store import Store
 

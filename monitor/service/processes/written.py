@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from monitor.recording import Recording
-from monitor.service.apart import Compute, ComputingFailed
+from monitor.service.processes.apart import Compute, ComputingFailed
 from monitor.store.formats.recordings import write_recording
 
 log = logging.getLogger(__name__)

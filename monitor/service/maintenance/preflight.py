@@ -13,7 +13,7 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
-from monitor.service.node_check import node_conditions
+from monitor.service.hand_over.node_check import node_conditions
 from monitor.store.archive.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
 from monitor.store.history.schema import schema_of

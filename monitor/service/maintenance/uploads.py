@@ -11,9 +11,9 @@ from monitor.config.schema import Configuration
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
-from monitor.service.apart import HERE, Compute, ComputingFailed
+from monitor.service.maintenance.pruning import going, prune
 from monitor.service.problems import Problems
-from monitor.service.pruning import going, prune
+from monitor.service.processes.apart import HERE, Compute, ComputingFailed
 from monitor.store.archive.archive import Archive, ArchivedRecording, Copy
 from monitor.store.archive.archived import ArchivedRow, Waiting
 from monitor.store.archive.archiving import bring, changed, copies, listed

@@ -6,8 +6,8 @@ from typing import Any
 
 from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
-from monitor.service.ordinary_work import PINNED
 from monitor.service.problems import Problems
+from monitor.service.work.ordinary_work import PINNED
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

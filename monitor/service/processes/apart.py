@@ -117,7 +117,7 @@ def _started() -> tuple["subprocess.Popen[bytes]", int]:
         out, way_back = os.pipe()
         try:
             child = subprocess.Popen(
-                [sys.executable, "-m", "monitor.service.computing", str(way_back), str(os.getpid())],
+                [sys.executable, "-m", "monitor.service.processes.computing", str(way_back), str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=2,  # what a library prints goes to the log
                 pass_fds=[way_back],

@@ -13,7 +13,7 @@ from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
-from monitor.service.apart import HERE, Compute, ComputingFailed
+from monitor.service.processes.apart import HERE, Compute, ComputingFailed
 from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 

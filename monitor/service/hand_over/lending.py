@@ -13,7 +13,7 @@ from typing import Protocol
 from monitor.acquire.schedule.windows import Window, blackouts
 from monitor.config.schema import Configuration
 from monitor.publish.timestamps import rfc3339
-from monitor.service.due import DueReplay, forget
+from monitor.service.hand_over.due import DueReplay, forget
 from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 

@@ -8,8 +8,8 @@ from monitor.acquire.hand_over.server import REQUEST
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
-from monitor.service.node_server import NO_TEXT
-from monitor.service.node_text import MARK, kept, number_of, version_of
+from monitor.service.hand_over.node_server import NO_TEXT
+from monitor.service.hand_over.node_text import MARK, kept, number_of, version_of
 
 NAME = "hand_over"
 PATIENCE_S = 1.0  # for the connection, and for the answer; the daemon is on this host

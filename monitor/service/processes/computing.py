@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 from monitor.acquire.ur.child import bind_to_parent, leave, leave_if_orphaned
 from monitor.errors import MonitorError
-from monitor.service.apart import FAILED, LENGTH, RESULT, ComputingFailed
+from monitor.service.processes.apart import FAILED, LENGTH, RESULT, ComputingFailed
 
 log = logging.getLogger(__name__)
 

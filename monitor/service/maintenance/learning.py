@@ -15,7 +15,7 @@ from monitor.config.schema import Configuration
 from monitor.judge.alerts.condition import Allowed, ServiceSituation, Standing
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
-from monitor.service.due import DueReplay
+from monitor.service.hand_over.due import DueReplay
 from monitor.store.store import Store
 
 WINDOWS = 3  # so many in a row without a verdict are no chance
