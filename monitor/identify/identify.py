@@ -21,10 +21,10 @@ from monitor.identify.gain_check import gain_warnings
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
+from monitor.identify.signals.cleaning.rows import along_samples
 from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.ripple import combined, gear_ripple
-from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.signals.together import motions_of
 from monitor.identify.signals.torque import joint_torque

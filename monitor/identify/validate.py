@@ -9,9 +9,9 @@ from monitor.errors import BadInput
 from monitor.identify.fit.equations import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.checks import refuse_other_arm
+from monitor.identify.signals.cleaning.rows import along_samples
 from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.motion import Motion, motion
-from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot

@@ -12,7 +12,7 @@ from monitor.acquire.schedule.needed import Need
 from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
-from monitor.judge.alerts.staleness import stale_joints
+from monitor.judge.alerts.reasons.staleness import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.service.bus.production import Production

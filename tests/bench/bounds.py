@@ -21,10 +21,10 @@ from monitor.identify.gain_check import gain_warnings
 from monitor.identify.identification import IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.mounting import mounting_check
+from monitor.identify.signals.cleaning.rows import along_samples
 from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.ripple import gear_ripple
-from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.torque import joint_torque
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor

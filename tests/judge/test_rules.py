@@ -11,10 +11,10 @@ from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.life_cycle import acknowledge, shelve
+from monitor.judge.alerts.reasons.staleness import stale_joints
+from monitor.judge.alerts.reasons.why_not import why_not_alerting
 from monitor.judge.alerts.rules import judge
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.judge.alerts.staleness import stale_joints
-from monitor.judge.alerts.why_not import why_not_alerting
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
 from monitor.judge.drift.from_work import begin_work
@@ -331,7 +331,7 @@ def test_a_change_is_attributed_to_its_causes():
     """10 K colder and 10 % of wear: the causes add up to the whole, and each has the size of the simulated cause."""
     from synthetic_arm import History
 
-    from monitor.judge.alerts.attribution import attribute_changes
+    from monitor.judge.alerts.reasons.attribution import attribute_changes
 
     history, rng = History(), np.random.default_rng(3)
     for day in range(80):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
-from monitor.judge.alerts.unseen_step import unseen_steps_text
+from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import STEP
 from monitor.judge.drift.observation import Observation

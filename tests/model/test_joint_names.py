@@ -1,6 +1,6 @@
 """The names of joints are those of PolyScope."""
 
-from monitor.judge.alerts.staleness import stale_text
+from monitor.judge.alerts.reasons.staleness import stale_text
 from monitor.model.joint_names import NAMES, joint_name, joint_text
 
 

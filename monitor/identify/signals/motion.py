@@ -12,13 +12,13 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.clean import Repair, cleaned
-from monitor.identify.signals.drives import check_drives, refuse_other_unit
+from monitor.identify.signals.cleaning.clean import Repair, cleaned
+from monitor.identify.signals.cleaning.drives import check_drives, refuse_other_unit
+from monitor.identify.signals.cleaning.readings import check_temperatures, plausible_temperatures
+from monitor.identify.signals.cleaning.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
 from monitor.identify.signals.order import median, quantiles
-from monitor.identify.signals.readings import check_temperatures, plausible_temperatures
 from monitor.identify.signals.ripple import Unfiltered
-from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices, Mask, Recording
 

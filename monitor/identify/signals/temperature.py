@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from monitor.identify.signals.cleaning.readings import plausible_temperatures
 from monitor.identify.signals.motion import Motion
-from monitor.identify.signals.readings import plausible_temperatures
 from monitor.recording import Array, Recording
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.signals.cleaning.rows import sound_rows
 from monitor.identify.signals.coupling import at_motors
 from monitor.identify.signals.filters import filtered, low_pass, uniform
 from monitor.identify.signals.motion import ENOUGH_SAMPLES, SignalSettings
-from monitor.identify.signals.rows import sound_rows
 from monitor.identify.signals.torque import drive_torque
 from monitor.identify.work.arm import LOADS, WorkArm
 from monitor.identify.work.rows import WorkRows

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.alerts.attribution import attribute_changes
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, RISES
 from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, raised_by_work, wear_after_replay, weigh_evidence
 from monitor.judge.alerts.health import NO_CONFIRMATIONS, TIERS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import next_transition
+from monitor.judge.alerts.reasons.attribution import attribute_changes
 from monitor.judge.alerts.serviced import OF_FRICTION, begin, settle, without_confirmations
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.states import arm_of, arm_state, joint_state

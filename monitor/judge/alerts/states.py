@@ -8,7 +8,7 @@ from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
 from monitor.judge.alerts.health import Alert, Health, JointHealth
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, State
-from monitor.judge.alerts.unseen_step import unseen_step_text
+from monitor.judge.alerts.reasons.unseen_step import unseen_step_text
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undetected_change import UnseenStep
 from monitor.model.joint_names import joint_text

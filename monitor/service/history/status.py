@@ -13,7 +13,7 @@ from monitor.acquire.schedule.windows import expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.why_not import why_not_alerting
+from monitor.judge.alerts.reasons.why_not import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.torque.compensated_model import model_from_document

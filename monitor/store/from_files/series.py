@@ -12,7 +12,7 @@ from monitor.assess import AssessSettings, Rejected, assess
 from monitor.errors import BadInput
 from monitor.identify.signals.same_motion import with_motions
 from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.why_not import why_not_alerting
+from monitor.judge.alerts.reasons.why_not import why_not_alerting
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot

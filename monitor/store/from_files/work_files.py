@@ -13,7 +13,7 @@ from monitor.identify.document import identification_from_document
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
-from monitor.identify.signals.clean import cleaned
+from monitor.identify.signals.cleaning.clean import cleaned
 from monitor.identify.work.arm import WorkArm
 from monitor.identify.work.cut import CAUSES
 from monitor.identify.work.estimate import WorkEstimate, estimate

@@ -8,7 +8,7 @@ from monitor.acquire.replay import replay
 from monitor.acquire.watch import ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
-from monitor.identify.signals.quality import quality_problem
+from monitor.identify.signals.cleaning.quality import quality_problem
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.simulate.remote import Remote

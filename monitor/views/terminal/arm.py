@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from monitor.judge.alerts.life_text import assumptions_text
-from monitor.judge.alerts.unseen_step import unseen_steps_text
+from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
 from monitor.model.joint_names import joint_name, joint_text
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences

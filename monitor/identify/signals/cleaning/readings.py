@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from monitor.identify.signals.clean import Repair
+from monitor.identify.signals.cleaning.clean import Repair
 from monitor.identify.signals.order import median
 from monitor.recording import Array, Mask, Recording
 

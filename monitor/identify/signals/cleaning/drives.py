@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.clean import Repair
+from monitor.identify.signals.cleaning.clean import Repair
+from monitor.identify.signals.cleaning.rows import taken, usual_size
 from monitor.identify.signals.order import median
-from monitor.identify.signals.rows import taken, usual_size
 from monitor.recording import Array, Indices, Mask, Recording
 
 MOVING_RAD_S = 0.02  # at rest, a current may keep its value

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.signals.chain import MAX_SPEED_RAD_S, longest_chain
+from monitor.identify.signals.cleaning.chain import MAX_SPEED_RAD_S, longest_chain
 from monitor.identify.signals.order import quantile
 from monitor.recording import Array, Indices, Mask, Recording
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.clock import restored_clock
+from monitor.identify.signals.cleaning.clock import restored_clock
+from monitor.identify.signals.cleaning.speeds import check_speeds
 from monitor.identify.signals.order import median, quantile
 from monitor.identify.signals.slopes import Slopes, slopes
-from monitor.identify.signals.speeds import check_speeds
 from monitor.recording import Array, Recording
 
 DEGREES = 180.0 / math.pi
