@@ -281,7 +281,7 @@ def test_an_arm_that_another_client_controls_is_left_unchanged(fresh_arm):
 
 
 def running(host):
-    from monitor.acquire.ur.dashboard import Dashboard
+    from monitor.acquire.ur.ports.dashboard import Dashboard
 
     with Dashboard(host) as dashboard:
         return dashboard.ask("running").lower() == "program running: true"

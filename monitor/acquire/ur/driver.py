@@ -7,14 +7,15 @@ from typing import NamedTuple
 from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session
 from monitor.acquire.hand_over.script import OFFER, VERSION
 from monitor.acquire.state import ArmState, Identity
-from monitor.acquire.ur import conversation, primary
+from monitor.acquire.ur import conversation
 from monitor.acquire.ur.job import job_document
 from monitor.acquire.ur.listening import Listening
 from monitor.acquire.ur.observe import observe
+from monitor.acquire.ur.ports import primary
+from monitor.acquire.ur.ports.reported_errors import ReportedErrors
+from monitor.acquire.ur.ports.robot_api import PORT as ROBOT_API_PORT
+from monitor.acquire.ur.ports.rtde_rows import output_integers, software_of
 from monitor.acquire.ur.process import Child
-from monitor.acquire.ur.reported_errors import ReportedErrors
-from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
-from monitor.acquire.ur.rtde_rows import output_integers, software_of
 from monitor.errors import RobotUnreachable
 
 REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds

@@ -20,9 +20,9 @@ import numpy as np
 
 from monitor.acquire.driver import SessionEnded
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.address import is_address, looked_up
-from monitor.acquire.ur.packages import take_packages
-from monitor.acquire.ur.rtde_rows import HEAD, OUTPUTS, PORT, ROW, START, VERSION, send
+from monitor.acquire.ur.ports.address import is_address, looked_up
+from monitor.acquire.ur.ports.packages import take_packages
+from monitor.acquire.ur.ports.rtde_rows import HEAD, OUTPUTS, PORT, ROW, START, VERSION, send
 from monitor.acquire.ur.signals import SIGNALS, Signal
 from monitor.recording import Array
 

@@ -16,7 +16,7 @@ from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.state import RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
 from monitor.acquire.ur.child import Lifeline, Outbox
-from monitor.acquire.ur.program_messages import ProgramMessages
+from monitor.acquire.ur.ports.program_messages import ProgramMessages
 from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
 from monitor.acquire.ur.streaming.control import STANDING_S, Control
 from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from monitor.acquire.ur.packages import take_packages
+from monitor.acquire.ur.ports.packages import take_packages
 from monitor.errors import RobotUnreachable
 from monitor.recording import Array
 

@@ -11,7 +11,7 @@ import time
 from typing import NamedTuple
 
 from monitor.acquire.state import JointLimits
-from monitor.acquire.ur.packages import LONGEST, take_packages
+from monitor.acquire.ur.ports.packages import LONGEST, take_packages
 
 PORT = 30001
 ROBOT_STATE, CONFIGURATION = 16, 6  # type of a message, type of a package within it

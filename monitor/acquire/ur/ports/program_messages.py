@@ -10,9 +10,9 @@ import socket
 import struct
 from typing import NamedTuple, Self
 
-from monitor.acquire.ur.packages import take_packages
-from monitor.acquire.ur.primary import HEAD, PORT
-from monitor.acquire.ur.reported_errors import MESSAGE, READ_BYTES, ROBOT_MESSAGE
+from monitor.acquire.ur.ports.packages import take_packages
+from monitor.acquire.ur.ports.primary import HEAD, PORT
+from monitor.acquire.ur.ports.reported_errors import MESSAGE, READ_BYTES, ROBOT_MESSAGE
 
 KEY_MESSAGE, RUNTIME_EXCEPTION = 7, 10
 PLACE = struct.Struct(">ii")  # line and column of the script

@@ -12,9 +12,9 @@ import time
 from concurrent import futures
 from typing import NamedTuple
 
-from monitor.acquire.ur.address import is_address, looked_up
-from monitor.acquire.ur.packages import take_packages
-from monitor.acquire.ur.primary import HEAD, JOINTS, PORT
+from monitor.acquire.ur.ports.address import is_address, looked_up
+from monitor.acquire.ur.ports.packages import take_packages
+from monitor.acquire.ur.ports.primary import HEAD, JOINTS, PORT
 
 ROBOT_MESSAGE, ERROR_CODE, SAFETY_MODE = 20, 6, 5
 MESSAGE = struct.Struct(">QbB")  # time, source, kind
