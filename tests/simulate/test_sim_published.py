@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.identity.published import OUTPUT_TYPES
 from monitor.simulate.controller.modes import Modes, RobotMode
-from monitor.simulate.controller.published import OUTPUT_TYPES
 from monitor.simulate.controller.registers import width
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession

@@ -9,8 +9,8 @@ import pytest
 from sim_pendant import Pendant
 
 from monitor.acquire.ur.ports.reported_errors import reported_error
-from monitor.simulate.controller.codes import ASKED
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.identity.codes import ASKED
 from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
 from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.settings import SimulateSettings

@@ -18,19 +18,19 @@ from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
 from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.codes import DEVIATES, ErrorCode
-from monitor.simulate.controller.fault_target import FaultTarget
-from monitor.simulate.controller.faults import inject
-from monitor.simulate.controller.foreign import ForeignPrograms
+from monitor.simulate.controller.faults.fault_target import FaultTarget
+from monitor.simulate.controller.faults.faults import inject
+from monitor.simulate.controller.faults.foreign import ForeignPrograms
 from monitor.simulate.controller.giving import Giving
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
+from monitor.simulate.controller.identity.identity import Identity
+from monitor.simulate.controller.identity.personality import personality_of
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
 from monitor.simulate.controller.logbook import CLIENT
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, RobotMode
 from monitor.simulate.controller.moves import Moves
-from monitor.simulate.controller.personality import personality_of
 from monitor.simulate.controller.program.machine import Machine, Watchdog
 from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.program.scripts import Immediate, parse

@@ -9,7 +9,7 @@ from monitor.recording import Array
 from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
-from monitor.simulate.controller.personality import Personality
+from monitor.simulate.controller.identity.personality import Personality
 
 FORCE_GAIN_M_S_N = 6e-4  # speed of the tool for each newton that is missing
 FRICTION_HELP = 0.7  # share of its own model of friction that the controller adds in freedrive, so that the arm is light

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.codes import DEVIATES, ErrorCode
+from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.logbook import Logbook
 from monitor.simulate.controller.modes import SafetyMode
 

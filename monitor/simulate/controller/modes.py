@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
 
-from monitor.simulate.controller.codes import DEVIATES, ErrorCode
+from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
 
 
 class RobotMode(IntEnum):

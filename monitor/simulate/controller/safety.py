@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from monitor.simulate.controller.codes import DEVIATES, ErrorCode
+from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
 from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.runner import Programs

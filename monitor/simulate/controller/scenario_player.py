@@ -11,9 +11,9 @@ from monitor.simulate.arm.friction import REFERENCE_C, FrictionLaw
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.wear import VISCOUS_SHARE_OF_WEAR, rated_revolutions_an_hour
 from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.fault_target import FaultTarget
-from monitor.simulate.controller.faults import inject
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.faults.fault_target import FaultTarget
+from monitor.simulate.controller.faults.faults import inject
+from monitor.simulate.controller.identity.identity import Identity
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.scenario import DAY_S, Scenario, ScenarioEvent, Work
 

@@ -3,7 +3,7 @@
 import re
 from typing import Protocol
 
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.identity.identity import Identity
 from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
 from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.safety import Safety

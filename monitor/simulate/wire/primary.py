@@ -12,10 +12,10 @@ import zlib
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.identity.identity import Identity
+from monitor.simulate.controller.identity.personality import SUPPLY_V
 from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, Message, ProgramMessage, SafetyMessage, TextMessage
 from monitor.simulate.controller.modes import Runtime, SafetyMode
-from monitor.simulate.controller.personality import SUPPLY_V
 from monitor.simulate.wire.variables import TOOL_OFF, TOOL_RUNNING, joint_mode, supply_current
 
 # numbers of the primary interface's client protocol: kinds of message, parts of a state, kinds of text, and their sender

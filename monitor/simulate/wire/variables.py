@@ -5,10 +5,10 @@ from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.identity.personality import SUPPLY_V, Personality
+from monitor.simulate.controller.identity.published import NOT_MODELLED, OUTPUT_TYPES
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.personality import SUPPLY_V, Personality
-from monitor.simulate.controller.published import NOT_MODELLED, OUTPUT_TYPES
 from monitor.simulate.controller.registers import INPUT_TYPES, REGISTERS, width
 from monitor.simulate.wire.packing import Source, Variable, array, computed, constant, listed, number
 

@@ -13,12 +13,12 @@ from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.clock import Clock
 from monitor.simulate.controller.giving import Giving
+from monitor.simulate.controller.identity.personality import Personality
 from monitor.simulate.controller.installation import Installation
 from monitor.simulate.controller.journal import Journal
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.modes import Modes, Supervisor
 from monitor.simulate.controller.moves import Moves
-from monitor.simulate.controller.personality import Personality
 from monitor.simulate.controller.registers import Registers
 from monitor.simulate.settings import SimulateSettings
 

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from monitor.simulate.controller.codes import ASKED
+from monitor.simulate.controller.identity.codes import ASKED
 from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2, Move, StopMotion
 from monitor.simulate.controller.program import queries
 from monitor.simulate.controller.program.language import ScriptError

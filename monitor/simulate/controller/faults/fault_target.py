@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
-from monitor.simulate.controller.foreign import ForeignPrograms
-from monitor.simulate.controller.identity import Identity
+from monitor.simulate.controller.faults.foreign import ForeignPrograms
+from monitor.simulate.controller.identity.identity import Identity
 from monitor.simulate.controller.measurements import Measurements
 from monitor.simulate.controller.program.machine import Machine
 from monitor.simulate.controller.program.runner import Programs

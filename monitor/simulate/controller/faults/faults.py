@@ -9,8 +9,8 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.simulate.arm.contact import Contact
 from monitor.simulate.arm.sensors import SensorFaults
-from monitor.simulate.controller import interference
-from monitor.simulate.controller.fault_target import FaultTarget
+from monitor.simulate.controller.faults import interference
+from monitor.simulate.controller.faults.fault_target import FaultTarget
 from monitor.simulate.controller.logbook import SOMEBODY_ELSE
 from monitor.simulate.controller.registers import INPUT_TYPES
 from monitor.simulate.faults import checked, parsed_version

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.simulate.controller.fault_target import FaultTarget
+from monitor.simulate.controller.faults.fault_target import FaultTarget
 from monitor.simulate.controller.modes import SafetyMode
 
 

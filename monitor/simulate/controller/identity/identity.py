@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from monitor.errors import BadInput
-from monitor.simulate.controller.published import OUTPUT_TYPES, known
+from monitor.simulate.controller.identity.published import OUTPUT_TYPES, known
 from monitor.simulate.polyscope import Version, X
 from monitor.simulate.settings import SimulateSettings
 

@@ -1,0 +1,1 @@
+"""Who a simulated controller is: version, personality, published variables, error codes."""
