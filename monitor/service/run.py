@@ -101,7 +101,7 @@ def serve(
             )
         )
         if configuration.metrics.listen:
-            from monitor.publish.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
+            from monitor.publish.metrics.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
 
             stack.enter_context(MetricsServer(configuration.metrics, lambda: families(daemon.bus.last_values())))
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now, HERE if trial else Apart()))

@@ -21,7 +21,7 @@ from monitor.identify.document import document as identification_document
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
-from monitor.publish.metrics import MetricsServer, families
+from monitor.publish.metrics.metrics import MetricsServer, families
 from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.bus.handlers import Handlers

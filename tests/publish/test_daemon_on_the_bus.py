@@ -437,7 +437,7 @@ def _document(daemon: Daemon, joint: int) -> dict:
 
 def test_a_week_without_replays_makes_the_state_stale_until_the_next_one(cell):
     """Arm and joints are stale on the bus, in the lines of `watch` and of systemd, and in metrics. The state itself stays."""
-    from monitor.publish.metrics import families
+    from monitor.publish.metrics.metrics import families
     from monitor.views.terminal.watch import line
 
     daemon, _, arm, endpoint = cell

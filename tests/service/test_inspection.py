@@ -23,7 +23,7 @@ from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.inspection import PLANS, Done, InspectionItem, InspectionSettings, due
 from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
-from monitor.publish.metrics import Families, families
+from monitor.publish.metrics.metrics import Families, families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S

@@ -13,7 +13,7 @@ from monitor.acquire.schedule.needed import Told
 from monitor.errors import MonitorError, MotionRefused
 from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
-from monitor.publish.metrics import families
+from monitor.publish.metrics.metrics import families
 from monitor.publish.timestamps import outside
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon

@@ -12,7 +12,7 @@ from test_backups_and_retention import HISTORY, configuration, torn
 from test_store import DAY, commit, replayed
 
 from monitor.errors import StoreUnavailable
-from monitor.publish.metrics import families
+from monitor.publish.metrics.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
 from monitor.service.maintenance.maintenance import Maintenance

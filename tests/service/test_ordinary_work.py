@@ -21,7 +21,7 @@ from monitor.acquire.rows import COLUMN, WIDTH, columns
 from monitor.identify.work.rows import rows_of_columns
 from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.belief import belief_from_document
-from monitor.publish.metrics import families
+from monitor.publish.metrics.metrics import families
 from monitor.publish.registry import KINDS
 from monitor.publish.timestamps import outside
 from monitor.recording import DAY_S, Array, Recording

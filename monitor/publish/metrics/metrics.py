@@ -13,8 +13,8 @@ from prometheus_client.registry import Collector
 
 from monitor.errors import BusError
 from monitor.judge.alerts.ne107 import STATES
-from monitor.publish.inspection_metrics import inspection_families
-from monitor.publish.metrics_settings import MetricsSettings
+from monitor.publish.metrics.inspection import inspection_families
+from monitor.publish.metrics.settings import MetricsSettings
 from monitor.publish.timestamps import unix_s
 
 log = logging.getLogger(__name__)
