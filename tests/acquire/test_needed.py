@@ -58,6 +58,21 @@ def test_a_suspicion_asks_every_five_days_where_joints_may_be_untold_for_a_month
     assert need(MONTH, LEARNT._replace(replayed_unix_s=NOW - DAY, suspects=(3,))).from_unix_s == NOW + 3.5 * DAY
 
 
+@pytest.mark.parametrize(
+    ("settings", "joints_unix_s", "from_unix_s", "why"),
+    [
+        (MONTH, (NOW, NOW, NOW, -math.inf, NOW, NOW), -math.inf, "enough of joint 4:"),
+        (MONTH, (NOW, NOW, NOW, NOW - 29 * DAY, NOW, NOW), NOW + DAY, "enough of joint 4:"),
+        (ScheduleSettings(replay="when_needed", untold_days=1.0, at_most_days=1.0), (NOW,) * 6, NOW, "1 days after the last replay"),
+    ],
+)
+def test_a_suspicion_puts_off_no_replay_that_is_needed_without_it(settings, joints_unix_s, from_unix_s, why):
+    told = LEARNT._replace(replayed_unix_s=NOW - DAY, joints_unix_s=joints_unix_s)
+    assert need(settings, told) == need(settings, told._replace(suspects=(3,)))
+    assert need(settings, told).from_unix_s == from_unix_s
+    assert why in need(settings, told).why
+
+
 def test_without_the_setting_every_window_needs_a_replay():
     assert need(ScheduleSettings(), LEARNT) == Need(-math.inf, "every window")
 

@@ -53,14 +53,21 @@ def need(settings: ScheduleSettings, told: Told) -> Need:
         return Need(-math.inf, f"work alone has found wear of {_joints(told.asks)}: a replay shall confirm it")
     if told.doubted:
         return Need(-math.inf, f"the last replays make a change of {_joints(told.doubted)} likely: the next ones shall tell")
+    at_latest = _at_latest(settings, told.replayed_unix_s, told.joints_unix_s)
     if told.suspects:
         again = told.replayed_unix_s + DAY_S * (suspected_days(settings) - 0.5)  # windows are not always at the same time of the day
-        return Need(again, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
-    last = told.replayed_unix_s + DAY_S * settings.at_most_days
-    oldest = min(told.joints_unix_s)
+        if again <= at_latest.from_unix_s:
+            return Need(again, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
+    return at_latest
+
+
+def _at_latest(settings: ScheduleSettings, replayed_unix_s: float, joints_unix_s: Sequence[float]) -> Need:
+    """From when a replay is needed, whatever work has found; arguments as in `Told`."""
+    last = replayed_unix_s + DAY_S * settings.at_most_days
+    oldest = min(joints_unix_s)
     untold = oldest + DAY_S * settings.untold_days
     if untold < last:
-        joints = [j + 1 for j, at in enumerate(told.joints_unix_s) if at + DAY_S * settings.untold_days <= max(untold, oldest) + DAY_S]
+        joints = [j + 1 for j, at in enumerate(joints_unix_s) if at + DAY_S * settings.untold_days <= max(untold, oldest) + DAY_S]
         return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.untold_days:g} days a replay is needed")
     return Need(last, f"{settings.at_most_days:g} days after the last replay")
 
