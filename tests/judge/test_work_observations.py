@@ -10,9 +10,10 @@ from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift.filter_state import ORDINARY, STEP, replace_joints
+from monitor.judge.drift.filter_state import ORDINARY, OUTLIER, STEP, WORK_LEVEL, replace_joints
 from monitor.judge.drift.from_work import begin_work, correlated_over, observed, swapped
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import new_joints
 from monitor.judge.drift.suspicion import DOUBT_REPLAYS, doubted_rise
 from monitor.judge.drift.update import change_detection
 from monitor.judge.drift.update.change_detection import STEP_STD, SUMMED, thresholds
@@ -336,6 +337,30 @@ def test_the_rise_of_a_joint_that_was_replaced_is_forgotten(plant):
     state = replace(state, sources=replace(state.sources, risen=np.ones(6)))
     after = replace_joints(state, np.arange(6) == 2, DriftSettings())
     assert after.sources.risen.tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("by", [0.06, -0.06])
+def test_the_work_of_a_joint_that_was_replaced_has_a_new_level_and_nothing_found_of_the_old_one(plant, by):
+    """A new joint has another friction: its work is neither worn nor in doubt, before the next replay and after it."""
+    for day in range(LEARNT + 20, LEARNT + 32):
+        plant.work(day, worn(3, 0.12))
+    belief = plant.history.last.belief
+    assert belief.filter_state.sources.unconfirmed[2] > 0.1
+    state = new_joints(belief.drift_state, np.arange(6) == 2, DriftSettings(), TemperatureSettings())
+    plant.history.last = replace(plant.history.last, belief=belief.with_drift_state(state))
+    events = []
+    for day in range(LEARNT + 33, LEARNT + 90):
+        plant.work(day - 0.2, worn(3, by))
+        events.append(plant.history.last.belief.filter_state.event[2])
+        if day % 7 == 0:
+            plant.replay(day, worn(3, by))
+    assert OUTLIER not in events
+    assert STEP not in events
+    state = plant.history.last.belief.filter_state
+    assert abs(state.wear[2]) < 0.005
+    assert state.wear_std[2] < 0.01
+    assert np.exp(state.mean[2, WORK_LEVEL]) == pytest.approx(plant.friction[2] * (1.0 + by) * np.exp(OFFSET), rel=0.01)
+    assert state.sources.unconfirmed[2] == 0.0
 
 
 def test_a_replay_that_disagrees_with_work_keeps_the_wear_tier_from_being_raised(plant):

@@ -360,9 +360,9 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
 
 
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
-    """The state with no wear and unknown levels in every slot for the joints in `new` (N,). The slope becomes less certain."""
+    """The state with no wear and unknown levels for the joints in `new` (N,), in every slot and at work. The slope becomes less certain."""
     slope_var = state.cov[new, SLOPE, SLOPE] + (SLOPE_CHANGE * state.mean[new, SLOPE]) ** 2  # once, and not once a slot
-    for slot in range(SLOTS):
+    for slot in range(SLOTS if state.sources is None else WORK_LEVEL - LEVELS + 1):
         state = open_slot(state, np.full(state.joints, slot), new)
     mean, cov = state.mean.copy(), state.cov.copy()
     cov[new, SLOPE, SLOPE] = slope_var
@@ -375,7 +375,7 @@ def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings)
     fresh = forget(state.counted_from, new)
     chance = state.chance.since_change(np.zeros(state.joints), new, np.zeros(state.joints))
     residual = np.where(new, np.nan, state.residual)
-    sources = state.sources and replace(state.sources, risen=np.where(new, 0.0, state.sources.risen))
+    sources = state.sources and state.sources.of_new_joints(new)
     return replace(state, mean=mean, cov=cov, counted_from=fresh, chance=chance, residual=residual, sources=sources, **cleared)
 
 

@@ -5,8 +5,10 @@ in force stands in the fields of `FilterState`; that of the other one stands her
 source in force is the replay. Work has a level of its own, and a noise of its own with a correlation of its own: two more states.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
+
+import numpy as np
 
 from monitor.judge.document import array
 from monitor.recording import Array
@@ -35,6 +37,11 @@ class TwoSources:
     unconfirmed: Array  # [log] wear that work alone has found since the joint's last replay
     unconfirmed_rate: Array  # [1/usual day] wear rate likewise
     risen: Array  # 1 where a rise was found that began long ago, by either source, and wear has held it since; else 0
+
+    def of_new_joints(self, new: np.ndarray) -> "TwoSources":
+        """The sources where the joints in `new` (N,) are other ones; replays are in force. Nothing was found of them yet."""
+        cleared = {name: np.where(new, 0.0, getattr(self, name)) for name in ("other_gate_run", "unconfirmed", "unconfirmed_rate", "risen")}
+        return replace(self, other_residual=np.where(new, np.nan, self.other_residual), **cleared)
 
 
 def sources_from_document(document: Any, joints: int) -> TwoSources | None:
