@@ -116,6 +116,17 @@ def test_two_factors_joined_are_the_factor_of_all_rows(short):
     np.testing.assert_array_equal(joined(R[:0], R), R)
 
 
+@pytest.mark.parametrize("samples", [(2, 3), (3, 2), (4, 1)], ids=str)
+def test_as_many_rows_as_a_triangle_has_are_no_triangle(samples):
+    """Two joints with few rows make as many rows as one whole triangle would have; their parameters are found all the same."""
+    rng, x = np.random.default_rng(5), np.array([1.0, -2.0, 3.0, 4.0])
+    blocks = [rng.normal(size=(n, 4)) for n in samples]
+    found = solve([Factor(triangle(np.column_stack([A, A @ x])), len(A)) for A in blocks], np.ones(2), np.zeros(4))
+    np.testing.assert_allclose(found.values, x, rtol=1e-9)
+    A = np.concatenate(blocks) @ found.directions
+    np.testing.assert_allclose(A.T @ A, np.eye(4), atol=1e-9)
+
+
 def test_what_is_not_excited_stays_at_the_prior():
     """The data determine the sum of two equal columns; their difference, and a column of zeros, stay at the prior."""
     rng = np.random.default_rng(0)
@@ -149,6 +160,7 @@ def test_the_condition_of_the_best_base_is_that_of_the_motion():
     assert best_condition(together(joints), combination, both) == pytest.approx(1.0, abs=1e-6)
     nothing = factors([rows(Y * [1.0, 0.0], np.ones((300, 1), dtype=bool), np.zeros((300, 1)))])
     assert best_condition(together(nothing), np.eye(2), both) == np.inf
+    assert condition_number(together(nothing), both) == np.inf
 
 
 def test_intervals_of_friction_have_their_coverage_under_correlated_noise(arm):

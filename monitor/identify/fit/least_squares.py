@@ -238,7 +238,7 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
     stacked = one_above_the_other([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
     if penalty is not None:
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
-    R = triangle(stacked) if len(stacked) > stacked.shape[1] else stacked
+    R = triangle(stacked) if len(stacked) >= stacked.shape[1] else stacked
     A, b = R[:, :-1], R[:, -1]
     norms, B = _norms(A), A.shape[1]
     norms = np.where(_felt(norms), norms, 0.0)
@@ -268,6 +268,8 @@ def together(joints: Sequence[Factor]) -> Array:
 
 def condition_number(Y: Array, columns: Indices) -> float:
     """cond(Ȳ_B) of these columns of the fitted rows: Raviola et al. (2021), table 3. Y : `together`."""
+    if len(Y) < len(columns):
+        return float("inf")
     s = np.linalg.svd(Y[:, columns], compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
 
