@@ -339,6 +339,20 @@ def test_the_rise_of_a_joint_that_was_replaced_is_forgotten(plant):
     assert after.sources.risen.tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
 
 
+def test_a_step_that_is_found_later_keeps_the_rise_that_was_found_before(plant):
+    steps = []
+    for day in range(LEARNT + 20, LEARNT + 115):
+        wear = worn(2, 0.0005 * (day - LEARNT - 20) + (0.03 if day >= LEARNT + 100 else 0.0))
+        plant.work(day - 0.2, wear)
+        steps.append(plant.history.last.belief.filter_state.event[1] == STEP)
+        if day % 7 == 0:
+            plant.replay(day, wear)
+        if day == LEARNT + 99:
+            assert risen(plant)[1] == 1.0
+    assert any(steps[80:])
+    assert risen(plant)[1] == 1.0
+
+
 @pytest.mark.parametrize("by", [0.06, -0.06])
 def test_the_work_of_a_joint_that_was_replaced_has_a_new_level_and_nothing_found_of_the_old_one(plant, by):
     """A new joint has another friction: its work is neither worn nor in doubt, before the next replay and after it."""

@@ -256,8 +256,9 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
     """(N,) [log] evidence for a rise that began at any start, over no change; −∞ where no start has told anything.
 
     It is the statistic of Shiryaev and Roberts, the sum of the Bayes factors of all starts: under no change its mean grows by 1 with every
-    observation. The size of a rise is a priori half of a Gaussian. glr_score, information, inflation : (N, 2, W), of the variance by
-    chance; ages : (N, W); enough : (N, W) as in `likelihood_ratios`. A candidate stands for every start up to the next older one.
+    observation, for a step and for a rate each. The size of a rise is a priori half of a Gaussian. glr_score, information, inflation :
+    (N, 2, W), of the variance by chance; ages : (N, W); enough : (N, W) as in `likelihood_ratios`. A candidate stands for every start up to
+    the next older one.
     """
     score, told = glr_score / inflation, information / inflation
     precision = told + SUMMED_STD**-2.0

@@ -107,8 +107,8 @@ def remember_rise(state: FilterState, sources: TwoSources, before: Array, change
     replays tell them apart late. So it is remembered that a rise was found which began long ago, for wear to confirm.
     """
     own = change.of_wear & ~change.common
-    rise = (change.mean[:, WEAR] > before) & (change.since >= LONG)
-    risen = np.where(own, rise.astype(float), sources.risen)
+    rise = change.mean[:, WEAR] > before
+    risen = np.where(own & rise & (change.since >= LONG), 1.0, np.where(own & ~rise, 0.0, sources.risen))
     return replace(sources, risen=np.where(state.wear > HELD_SIGMAS * state.wear_std, risen, 0.0))
 
 
