@@ -103,14 +103,21 @@ def show(recording: Recording, robot: Robot, mounting: Mounting, other: Callable
             began = time.process_time()
             case()
             taken[name].append(1000 * (time.process_time() - began))
+    show_taken(taken)
+
+
+def show_taken(taken: dict[str, list[float]]) -> None:
+    """Print of each case its times [ms], and their ratio to touching the memory and to figaroh: a dash where that is absent."""
     medians = {name: statistics.median(times) for name, times in taken.items()}
-    touching, whole = next(iter(medians.values())), medians.get("figaroh", float("nan"))
+    touching, whole = next(iter(medians.values())), medians.get("figaroh")
     print(f"{'min':>9} {'median':>9}  × touching  × figaroh  what   [ms, {ROUNDS} rounds]")
     for name, median in medians.items():
-        print(f"{min(taken[name]):9.2f} {median:9.2f}  {median / touching:10.1f}  {median / whole:9.3f}  {name}")
+        beside = "–" if whole is None else f"{median / whole:.3f}"
+        print(f"{min(taken[name]):9.2f} {median:9.2f}  {median / touching:10.1f}  {beside:>9}  {name}")
     print(f"{medians['computing them'] / touching:.1f} × touching for the regressor, of which its last step alone is", end=" ")
     print(f"{medians['the last step of computing them alone'] / touching:.1f} ×")
     for kind, text in (("bound: ", "one pass of each operation that no least squares avoids"), ("stage: ", "the stages above")):
         total = sum(median for name, median in medians.items() if name.startswith(kind))
         total += medians["the last step of computing them alone"] if kind == "bound: " else 0.0
-        print(f"{total:.1f} ms, {total / whole:.3f} of figaroh: {text}")
+        share = "" if whole is None else f", {total / whole:.3f} of figaroh"
+        print(f"{total:.1f} ms{share}: {text}")
