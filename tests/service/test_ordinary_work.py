@@ -230,6 +230,36 @@ def test_a_day_that_could_not_be_computed_is_judged_later(plant: Plant):
     assert len(plant.store.ordinary_work.rows()) == 1
 
 
+@pytest.mark.parametrize(
+    ("found", "replayed_days_ago", "allow_motion", "pulled_forward"),
+    [
+        ({"suspects": (3,)}, 0.9, True, False),  # a suspicion asks on every second day
+        ({"suspects": (3,)}, 1.1, True, True),
+        ({"asks": (2,)}, 0.1, True, True),  # what work alone has found waits for nothing
+        ({"asks": (2,)}, 1.1, False, False),
+        ({}, 1.1, True, False),
+    ],
+)
+def test_what_a_day_of_work_makes_likely_pulls_a_replay_forward_where_motion_is_allowed(
+    plant: Plant, monkeypatch, found, replayed_days_ago, allow_motion, pulled_forward
+):
+    sections = {"work": {"listen": True}, "schedule": {"replay": "when_needed"}, "replay": {"allow_motion": allow_motion}}
+    plant.state = SharedState(configuration(Path(plant.configuration.store.directory), **sections))
+    plant.state.take(load_state(plant.store), None)
+    requests = ReplayRequests()
+
+    def told(function, *arguments):
+        result = function(*arguments)
+        return (result[0], replace(result[1], **{"asks": (), "suspects": ()} | found)) if function is work_computing.work_verdict else result
+
+    plant.work = OrdinaryWork(plant.state, plant.store, plant.said, lambda: plant.clock, requests, compute=told)  # type: ignore[arg-type]
+    plant.shift(3)
+    monkeypatch.setattr(type(plant.store.ledger), "learnt_at_unix_s", lambda _: plant.clock - replayed_days_ago * DAY_S)
+    plant.midnight()
+    assert len(plant.store.ordinary_work.rows()) == 1
+    assert requests.take_evidence() == (plant.clock if pulled_forward else None)
+
+
 def test_a_kill_costs_the_last_minutes_and_no_day_is_judged_twice(plant: Plant):
     plant.shift(3)
     plant.clock += 400.0
