@@ -250,7 +250,10 @@ def test_what_a_day_of_work_makes_likely_pulls_a_replay_forward_where_motion_is_
 
     def told(function, *arguments):
         result = function(*arguments)
-        return (result[0], replace(result[1], **{"asks": (), "suspects": ()} | found)) if function is work_computing.work_verdict else result
+        if function is not work_computing.work_verdict:
+            return result
+        observation, verdict = result
+        return observation, replace(verdict, **{"asks": (), "suspects": ()} | found)
 
     plant.work = OrdinaryWork(plant.state, plant.store, plant.said, lambda: plant.clock, requests, compute=told)  # type: ignore[arg-type]
     plant.shift(3)
