@@ -15,7 +15,8 @@ def test_ctrl_c_ends_it_without_a_traceback(reads):
     """A terminal interrupts every process of the tests; what was interrupted, pytest alone says."""
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        command = [sys.executable, str(SERVER), str(theirs.fileno()), *reads]
+        with_signal = ["env", "--default-signal=INT"]  # what runs in the background of a script has inherited that SIGINT is ignored
+        command = [*with_signal, sys.executable, str(SERVER), str(theirs.fileno()), *reads]
         path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         with subprocess.Popen(
             command, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE, text=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": path}
