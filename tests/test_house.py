@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import tomllib
 from pathlib import Path
@@ -189,3 +190,15 @@ def test_whatever_moves_an_arm_in_real_time_is_in_a_chain_of_arms(request):
         text = path.read_text("utf-8")
         if starts.search(text) and replays.search(text):
             assert path.relative_to(ROOT / "tests").as_posix() in listed, path
+
+
+FOLDERS = {".ci", "config", "deploy", "docs", "monitor", "tests"}
+TOP_LEVEL = FOLDERS | {".gitignore", "LICENSE", "Makefile", "README.md", "constraints.txt", "pyproject.toml"}
+
+
+def test_the_top_level_holds_what_belongs_there_and_nothing_else():
+    """A file that somebody's trial has left there is no part of the project."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("this is no checkout, or git is absent")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert {name.partition("/")[0] for name in listed.split("\0") if name} == TOP_LEVEL
