@@ -3,10 +3,10 @@
 Without a history, `--arms` arms live for `--replays` days on a simulated controller, 30 s at 125 Hz each; their recordings differ. With
 `--folder` histories and results are kept there, and the same call goes on from there: it counts what it has computed itself.
 
-`--recordings 100000` does it in parts of 33 arms of 60 replays, each of which is made, judged and removed, so that 3 GB of disk suffice: a
-third of a part on one worker, the rest on two, which of them first by turns. So slow changes of the machine's speed fall on both, and
-`efficiency` has a standard error. A finished part is a line in `parts.jsonl` of `--folder`: the same call goes on after the last one. With
-`--s3` the recordings are on a real S3 server (SeaweedFS) alone.
+`--recordings 100000` does it in parts of 66 arms of 60 replays, each of which is made, judged and removed, so that 12 GB of disk are
+enough: an eleventh of a part on one worker, the rest on two, which of them first by turns. So slow changes of the machine's speed fall on
+both, and `efficiency` has a standard error. A finished part is a line in `parts.jsonl` of `--folder`: the same call goes on after the
+last one. With `--s3` the recordings are on a real S3 server (SeaweedFS) alone.
 
 `efficiency` is by the clock, and means something on a machine without other work alone. Beside it stands what the machine itself gains by
 its second core: processes that identify the same recordings and know nothing of each other. `beside` is what reading, decoding, keeping and
@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -53,8 +53,8 @@ from monitor.studies.reassess.warm_up import warm_up
 PLANT = 1_830_000  # recordings of 1250 arms in a year, four a day
 ALONE = 30  # recordings that each process identifies, to see what the machine gains by its second core
 MADE = "made"  # file in the folder of an arm that has lived to its end
-PART_ARMS, PART_REPLAYS, OF_ONE = 33, 60, 3  # of a part; one arm in three is judged by one worker
-VOLUME_MB = 1024  # of the S3 server, whose eight volumes hold the 3 GB of a part
+PART_ARMS, PART_REPLAYS, OF_ONE = 66, 60, 11  # of a part; one arm in eleven is judged by one worker
+VOLUME_MB = 2048  # of the S3 server, whose eight volumes hold the 6 GB of a part
 NUMBERED = 1_000_000  # number in the recordings of the first arm; those of others have as many digits
 BEGAN_S, DAY_S = 1.7e9, 86_400.0
 
@@ -105,7 +105,8 @@ def plant(folder: Path, arms: int, replays: int, first: int = 0) -> list[Path]:
 
 def in_archive(homes: Sequence[Path], archive: Archive) -> None:
     """Bring the recordings of histories to an archive, and remove them here."""
-    for home in homes:
+
+    def bring(home: Path) -> None:
         with Store.open(home) as store:
             store.archived.note_place(archive.settings)
             for number, path in store.recordings.numbered():
@@ -113,6 +114,9 @@ def in_archive(homes: Sequence[Path], archive: Archive) -> None:
                 key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
                 store.archived.add(number, archive.put(content, key), BEGAN_S)
                 path.unlink()
+
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(bring, homes))
 
 
 def in_parts(folder: Path, recordings: int, arms: int, replays: int, s3: bool) -> None:
