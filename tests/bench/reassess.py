@@ -14,6 +14,7 @@ scheduling take of the processor beside identification and verdicts, and means s
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
@@ -22,16 +23,17 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 sys.path += [str(Path(__file__).parents[1] / "store")]  # the tests import each other by their names
 
 import numpy as np
+from pyarrow import fs
 
 from monitor.assess import AssessSettings, identified
 from monitor.config.files import find_excitation
@@ -41,7 +43,7 @@ from monitor.service.history.assess_and_store import assess_stored, load_state, 
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.archive.archive import Archive, key_of
+from monitor.store.archive.archive import Copy, key_of
 from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.formats.recordings import recording_of, write_recording
 from monitor.store.store import Store
@@ -57,6 +59,20 @@ PART_ARMS, PART_REPLAYS, OF_ONE = 66, 60, 11  # of a part; one arm in eleven is 
 VOLUME_MB = 2048  # of the S3 server, whose eight volumes hold the 6 GB of a part
 NUMBERED = 1_000_000  # number in the recordings of the first arm; those of others have as many digits
 BEGAN_S, DAY_S = 1.7e9, 86_400.0
+
+
+class Bucket(NamedTuple):
+    """A place on an S3 server, to which recordings go by the server's own client: unlike the service, nothing is read back."""
+
+    settings: ArchiveSettings
+    client: fs.S3FileSystem
+    folder: str
+
+    def take(self, content: bytes, key: str) -> Copy:
+        """One recording."""
+        with self.client.open_output_stream(f"{self.folder}/{key}") as stream:
+            stream.write(content)
+        return Copy(f"{self.settings.address}/{key}", hashlib.sha256(content).hexdigest(), len(content), was_there=False)
 
 
 def lived(folder: Path, replays: int) -> Path:
@@ -81,42 +97,46 @@ def lived(folder: Path, replays: int) -> Path:
     return folder
 
 
-def plant(folder: Path, arms: int, replays: int, first: int = 0) -> list[Path]:
-    """So many arms from a number on: arm 0 has lived, others have its history and other bytes of its recordings."""
+def plant(folder: Path, arms: int, replays: int, first: int = 0, archive: Bucket | None = None) -> list[Path]:
+    """So many arms from a number on: arm 0 has lived, others have its history and other bytes of its recordings, here or in an archive."""
     alive = folder / "arm-00000"
     if not (alive / MADE).is_file():
         shutil.rmtree(alive, ignore_errors=True)
         lived(alive, replays)
         (alive / MADE).touch()
-    homes = [folder / f"arm-{k:05d}" for k in range(first, first + arms)]
-    for k, home in enumerate(homes, start=first):
+    homes = {k: folder / f"arm-{k:05d}" for k in range(first, first + arms)}
+
+    def make(k: int) -> None:
+        home = homes[k]
         if (home / MADE).is_file():
-            continue
+            return
         shutil.rmtree(home, ignore_errors=True)
         shutil.copytree(alive, home, ignore=shutil.ignore_patterns("*.parquet", MADE))
-        for path in sorted((alive / "recordings").glob("*.parquet")):
-            content = path.read_bytes()
-            own = content.replace(f'"arm": {NUMBERED}'.encode(), f'"arm": {NUMBERED + k}'.encode())
-            assert own != content
-            (home / "recordings" / path.name).write_bytes(own)
-        (home / MADE).touch()
-    return homes
-
-
-def in_archive(homes: Sequence[Path], archive: Archive) -> None:
-    """Bring the recordings of histories to an archive, and remove them here."""
-
-    def bring(home: Path) -> None:
         with Store.open(home) as store:
-            store.archived.note_place(archive.settings)
-            for number, path in store.recordings.numbered():
-                content = path.read_bytes()
-                key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
-                store.archived.add(number, archive.put(content, key), BEGAN_S)
-                path.unlink()
+            if archive is not None:
+                store.archived.note_place(archive.settings)
+            for number, path, content in of_arm(alive, k):
+                if archive is None:
+                    (home / "recordings" / path.name).write_bytes(content)
+                else:
+                    key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
+                    store.archived.add(number, archive.take(content, key), BEGAN_S)
+        (home / MADE).touch()
 
     with ThreadPoolExecutor() as threads:
-        list(threads.map(bring, homes))
+        list(threads.map(make, homes))
+    return list(homes.values())
+
+
+def of_arm(alive: Path, k: int) -> Iterator[tuple[int, Path, bytes]]:
+    """Number and path of each recording of the arm that has lived, and its bytes as those of arm k."""
+    with Store.reader(alive) as store:
+        recordings = list(store.recordings.numbered())
+    for number, path in recordings:
+        content = path.read_bytes()
+        own = content.replace(f'"arm": {NUMBERED}'.encode(), f'"arm": {NUMBERED + k}'.encode())
+        assert own != content
+        yield number, path, own
 
 
 def in_parts(folder: Path, recordings: int, arms: int, replays: int, s3: bool) -> None:
@@ -130,11 +150,10 @@ def in_parts(folder: Path, recordings: int, arms: int, replays: int, s3: bool) -
             shutil.rmtree(place, ignore_errors=True)  # of a call that was ended: every part is measured whole
             place.mkdir(parents=True)
             stack.callback(shutil.rmtree, place)
-            homes = plant(folder / "plant", arms, replays, first=1 + number * arms)
+            archive = served(place, stack) if s3 else None
+            homes = plant(folder / "plant", arms, replays, 1 + number * arms, archive)
             for home in homes:
                 stack.callback(shutil.rmtree, home)
-            if s3:
-                in_archive(homes, served(place, stack))
             made_s = time.perf_counter() - began
             shares = [(1, homes[::OF_ONE]), (2, [home for k, home in enumerate(homes) if k % OF_ONE])]
             costs = {workers: measured(of_it, str(place / "results"), workers) for workers, of_it in shares[:: 1 if number % 2 else -1]}
@@ -145,14 +164,15 @@ def in_parts(folder: Path, recordings: int, arms: int, replays: int, s3: bool) -
     show_parts(parts)
 
 
-def served(place: Path, stack: ExitStack) -> Archive:
-    """An archive on a real S3 server whose files are below a folder."""
+def served(place: Path, stack: ExitStack) -> Bucket:
+    """A bucket on a real S3 server whose files are below a folder."""
     from s3_server import KEYS, s3_server
 
     (place / "s3").mkdir()
-    server = stack.enter_context(s3_server(place / "s3", VOLUME_MB))
+    server = stack.enter_context(s3_server(place / "s3", VOLUME_MB, processors=2))
     os.environ.update(AWS_ACCESS_KEY_ID=KEYS[0], AWS_SECRET_ACCESS_KEY=KEYS[1], AWS_ENDPOINT_URL=server.endpoint)
-    return Archive.open(ArchiveSettings(address=f"s3://{server.bucket}/plant", endpoint=server.endpoint))
+    settings = ArchiveSettings(address=f"s3://{server.bucket}/plant", endpoint=server.endpoint)
+    return Bucket(settings, server.client(), f"{server.bucket}/plant")
 
 
 def judged(part: dict[str, Any]) -> int:

@@ -43,6 +43,7 @@ class S3Server:
     arguments: list[str]
     process: "subprocess.Popen[bytes] | None" = None
     bucket: str = "recordings"
+    processors: int = 1
 
     @property
     def endpoint(self) -> str:
@@ -50,7 +51,7 @@ class S3Server:
 
     def start(self) -> None:
         with (self.folder / "log").open("ab") as log:
-            environment = {**os.environ, "GOMAXPROCS": "1"}
+            environment = {**os.environ, "GOMAXPROCS": str(self.processors)}
             self.process = subprocess.Popen(self.arguments, stdout=log, stderr=log, cwd=self.folder, env=environment)
         begin = time.monotonic()
         while True:
@@ -168,8 +169,11 @@ def refusing_server(status: int, code: str, certificate: trustme.LeafCert | None
 
 
 @contextmanager
-def s3_server(folder: Path, volume_mb: int = 64) -> Iterator[S3Server]:
-    """A server whose files are below `folder`, at ports that the kernel chooses; it holds eight volumes of that size."""
+def s3_server(folder: Path, volume_mb: int = 64, processors: int = 1) -> Iterator[S3Server]:
+    """A server whose files are below `folder`, at ports that the kernel chooses; it holds eight volumes of that size.
+
+    processors : on which it runs.
+    """
     program = weed()
     reader = ("reader", "another-secret-of-the-tests")
     identities = [
@@ -178,17 +182,18 @@ def s3_server(folder: Path, volume_mb: int = 64) -> Iterator[S3Server]:
     ]
     (folder / "s3.json").write_text(json.dumps({"identities": identities}))
     (folder / "data").mkdir(exist_ok=True)
-    server = _started(program, folder, volume_mb)
+    server = _started(program, folder, volume_mb, processors)
     try:
         yield server
     finally:
         server.stop()
 
 
-def _started(program: str, folder: Path, volume_mb: int) -> S3Server:
+def _started(program: str, folder: Path, volume_mb: int, processors: int) -> S3Server:
     """A server that answers; another process may take a port between the choice and the start."""
     for attempt in range(ATTEMPTS):
         server = _at_free_ports(program, folder, volume_mb)
+        server.processors = processors
         try:
             server.start()
             return server
