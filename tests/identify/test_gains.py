@@ -81,6 +81,8 @@ def synthetic(payload_kg, com_m, seed, noise=1.0, friction=1.0, rate_hz=50.0):
     return Recording(t_s=t_s, q=q, qd=qd, qdd=qdd, current=current, source=f"synthetic-{payload_kg:g}kg.csv")
 
 
+@pytest.mark.soak
+@pytest.mark.timeout(600)
 def test_standard_deviations_have_the_right_coverage():
     """Eight noise draws, 48 errors: a share of 0.68 ± 0.13 (two deviations of 48) lies within one std, none beyond four.
 
