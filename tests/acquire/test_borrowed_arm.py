@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -22,9 +23,20 @@ STOP_WITHIN_S = 0.25  # of the arm's own clock
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with lending_cell("127.0.2.61", tmp_path_factory.mktemp("cell"), "--robot", "ur5") as cell:
-        yield cell
+def cells():
+    """What keeps the present cell, and the cells so far."""
+    with ExitStack() as stack:
+        yield stack, []
+
+
+@pytest.fixture
+def cell(cells, tmp_path_factory):
+    """One for all tests; a new one after a test that left its program standing, as one that other work of the machine disturbed may."""
+    stack, started = cells
+    if not started or started[-1].dashboard("programState") != "PLAYING cell.urp" or started[-1].astray:
+        stack.close()
+        started.append(stack.enter_context(lending_cell("127.0.2.61", tmp_path_factory.mktemp("cell"), "--robot", "ur5")))
+    return started[-1]
 
 
 def goes_on(cell: Cell, cycles: int = 1, within_s: float = 5.0) -> bool:
