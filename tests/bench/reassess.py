@@ -23,7 +23,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
@@ -112,20 +112,25 @@ def plant(folder: Path, arms: int, replays: int, first: int = 0, archive: Bucket
             return
         shutil.rmtree(home, ignore_errors=True)
         shutil.copytree(alive, home, ignore=shutil.ignore_patterns("*.parquet", MADE))
-        with Store.open(home) as store:
-            if archive is not None:
-                store.archived.note_place(archive.settings)
-            for number, path, content in of_arm(alive, k):
-                if archive is None:
-                    (home / "recordings" / path.name).write_bytes(content)
-                else:
-                    key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
-                    store.archived.add(number, archive.take(content, key), BEGAN_S)
+        if archive is not None:
+            in_archive(home, of_arm(alive, k), archive)
+        else:
+            for _, path, content in of_arm(alive, k):
+                (home / "recordings" / path.name).write_bytes(content)
         (home / MADE).touch()
 
     with ThreadPoolExecutor() as threads:
         list(threads.map(make, homes))
     return list(homes.values())
+
+
+def in_archive(home: Path, recordings: Iterable[tuple[int, Path, bytes]], archive: Bucket) -> None:
+    """Bring an arm's recordings to an archive, and its history to know of them."""
+    with Store.open(home) as store:
+        store.archived.note_place(archive.settings)
+        for number, _, content in recordings:
+            key = key_of("lab", home.name, BEGAN_S + DAY_S * (number - 1), number, content)
+            store.archived.add(number, archive.take(content, key), BEGAN_S)
 
 
 def of_arm(alive: Path, k: int) -> Iterator[tuple[int, Path, bytes]]:
