@@ -24,7 +24,7 @@ STOP_WITHIN_S = 0.25  # of the arm's own clock
 
 @pytest.fixture(scope="module")
 def cells():
-    """What keeps the present cell, and the cells so far."""
+    """What ends the present cell, and all cells so far, the present one last."""
     with ExitStack() as stack:
         yield stack, []
 
