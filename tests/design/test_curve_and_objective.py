@@ -101,7 +101,6 @@ def test_the_figures_of_merit_are_their_definitions(mounting):
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_the_expected_deviations_are_those_of_correlated_noise():
     """Against noise that is drawn: 4000 fits of white-noise weights to rows with the assumed correlation."""
     arm = information(UR5, Mounting())

@@ -82,7 +82,6 @@ def synthetic(payload_kg, com_m, seed, noise=1.0, friction=1.0, rate_hz=50.0):
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_standard_deviations_have_the_right_coverage():
     """Eight noise draws, 48 errors: a share of 0.68 ± 0.13 (two deviations of 48) lies within one std, none beyond four.
 

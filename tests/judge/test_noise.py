@@ -68,7 +68,6 @@ def lived(log_torque: Array, learning: int = 60) -> tuple[DriftState, np.ndarray
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_noise_of_other_colours_and_tails_raises_few_alerts():
     """4 arms for a year in each of five worlds; a judge that knows noise of one correlation time only has some 30 alerts in them."""
     days, N, rng = 365, 4 * J, np.random.default_rng(21)

@@ -37,7 +37,6 @@ def test_energy_equals_that_of_pinocchio_with_rotors_and_without_friction(seed, 
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_its_uncertainty_is_that_of_the_parameters():
     """The spread of energies from 1000 draws of the parameters: 9 %, four standard errors of a spread from so many."""
     base = base_parameters(UR5, Mounting())

@@ -183,8 +183,6 @@ def _number(text: str) -> int:
     return int(text.removeprefix("transition ") or 0)
 
 
-@pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_restarts_lose_and_repeat_no_transition(tmp_path, free_port):
     """One restart of each; the daemon restarts right after the router. `make soak` plays a hundred in random order."""
     play(tmp_path, free_port, ["subscriber", "router", "daemon"], seed=1)

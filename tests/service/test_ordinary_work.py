@@ -327,7 +327,6 @@ def working_arm() -> Iterator[str]:
         arm.communicate(timeout=30)
 
 
-@pytest.mark.soak
 @pytest.mark.timeout(300)
 def test_a_daemon_that_is_killed_between_days_of_work_loses_no_kept_sum_and_judges_no_day_twice(history, tmp_path, working_arm):
     """A process of its own beside an arm at work: killed in the afternoon, and after it has judged that day; what was kept counts once."""

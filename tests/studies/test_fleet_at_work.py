@@ -20,7 +20,6 @@ def found(plan: Plan, **fleet):
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_a_replay_a_week_beside_work_finds_a_step_long_before_a_replay_a_week_alone():
     excited = {"blind_joints": 0, "seldom": 0.95}
     alone, beside = found(Plan(every_days=7), **excited), found(Plan(every_days=7, work=True), **excited)

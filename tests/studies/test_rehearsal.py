@@ -30,7 +30,6 @@ FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_a_healthy_fleet_has_few_alerts():
     """48 robot-years, six of each scenario: at 0.08 a year 4 alerts are expected; 11 or more would come once in 300 times."""
     quiet = play(FleetSettings(arms=48, seed=7), ASSESS)
@@ -64,7 +63,6 @@ def test_wear_is_not_taken_for_noise():
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_undetected_changes_widen_the_interval_and_change_no_alert():
     """10 % a year in 24 arms: 90 % intervals of friction hold it until it is detected, where the filter's do not; alerts are the same.
 
@@ -142,7 +140,6 @@ def test_thresholds_that_alert_never_or_always_still_give_plain_json():
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_wear_played_in_groups_gives_one_answer(monkeypatch):
     """Groups have other arms with other days; together they are as many arms as were asked for."""
     base, kind = FleetSettings(arms=8, between_std=0.01), Kind("100 %/year", 0.0, 1.0, 8)

@@ -31,7 +31,6 @@ def arm(seed, replays, tests):
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_after_twelve_replays_temperatures_halve_the_error():
     """One arm with fewer replays than on the card: half of the error remains at most, and a fifth of the error of friction alone.
 

@@ -34,7 +34,6 @@ def healthy():
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_the_noise_that_the_observer_assumes_is_that_of_the_fleet(healthy):
     """White by the assumed covariance, the residuals of 72 joints have variance 1 and no correlation from one to the next, within 5 %."""
     fleet, seen, _ = healthy

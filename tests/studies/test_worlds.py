@@ -288,7 +288,6 @@ def test_healthy_joints_jump_go_back_and_forth_and_cycle_as_their_worlds_say():
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(600)
 def test_an_undeclared_payload_is_told_as_a_payload_and_its_declaration_opens_a_context():
     """Every arm's weights contradict from the day on which 0.3 kg are mounted until they are declared, and on no other day."""
     arms = WorldFleet(WORLDS["payload-03"], healthy=4, worn=0, days=560, seed=3)
