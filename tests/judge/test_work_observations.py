@@ -22,6 +22,7 @@ from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
 
 LEARNT = 40  # days of replays before the first work
+RESTARTED = 5  # observations after which the belief is read as by a restart: to write and read it costs twice as much as to judge it
 OFFSET = 0.12  # [log] of work beside the excitation
 OF_WORK = np.array([1, 1, 1, 0, 1, 1])  # joint 4 is never excited by this work
 
@@ -54,7 +55,7 @@ class Plant:
     """An arm that was learnt by replays, and is observed at work from then on."""
 
     def __init__(self) -> None:
-        self.history, self.rng = History(), np.random.default_rng(3)
+        self.history, self.rng, self.observed = History(), np.random.default_rng(3), 0
         for day in range(LEARNT):
             self.replay(day)
         self.friction = friction(self.history)
@@ -72,7 +73,10 @@ class Plant:
             observation, context, belief=history.last.belief, health=history.health, settings=DriftSettings(), laws=TemperatureSettings(),
             limits=HealthSettings(),
         )  # fmt: skip
-        belief = belief_from_document(json.loads(json.dumps(found.belief.as_document())))  # as a restart reads it
+        belief = found.belief
+        if self.observed % RESTARTED == 0:
+            belief = belief_from_document(json.loads(json.dumps(belief.as_document())))  # as a restart reads it
+        self.observed += 1
         history.last, history.health = replace(history.last, belief=belief, health=found.health), found.health
         return found
 
@@ -97,7 +101,7 @@ def plant(settled):
     copy = object.__new__(Plant)
     copy.history = object.__new__(History)
     copy.history.__dict__.update(settled.history.__dict__)
-    copy.friction, copy.rng = settled.friction, np.random.default_rng(4)
+    copy.friction, copy.rng, copy.observed = settled.friction, np.random.default_rng(4), 0
     return copy
 
 
