@@ -64,8 +64,9 @@ class _Change(NamedTuple):
     @property
     def replaced(self) -> np.ndarray:
         """(J,) joints with another serial number."""
-        new = [work.joint for work in self.works if work.kind == REPLACED]
-        return np.isin(np.arange(1, self.belief.joints + 1), new)
+        replaced = np.zeros(self.belief.joints, dtype=bool)
+        replaced[[work.joint - 1 for work in self.works if work.kind == REPLACED]] = True
+        return replaced
 
 
 def begin(

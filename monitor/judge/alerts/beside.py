@@ -83,6 +83,9 @@ def rise_beside(state: ChannelState | None) -> ChannelRise | None:
     """The rise of each joint by the channels' state; None without one."""
     if state is None:
         return None
+    N = state.found.shape[1]
+    if not state.found.any():  # as on nearly every day
+        return ChannelRise(rise=np.full(N, NOTHING), std=np.zeros(N), kind=np.zeros(N, dtype=int), ratio=np.ones(N))
     rises = np.stack([_rises(state, state.shift), _rises(state, state.shift - np.copysign(state.shift_std, state.shift))])
     found = np.stack(
         [_found(state, CONTRAST) | _found(state, SLOW), _found(state, CONTRAST) | _found(state, FAST), _found(state, RESIDUAL)]

@@ -137,8 +137,10 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus |
     belief, evidence, settings = situation.belief, situation.evidence, situation.settings
     together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
     risen, fallen = evidence.risen, evidence.fall + belief.filter_state.counted_from.shared
-    usual = float(np.median(risen)) if np.median(risen) > 0 else float(np.median(fallen))
-    change = math.expm1(together) if together else math.expm1(usual)
+    if not together:  # then what is usual
+        usual = float(np.median(risen))
+        together = usual if usual > 0 else float(np.median(fallen))
+    change = math.expm1(together)
     rose, fell = change >= settings.clear_fraction * settings.advisory_rise, change <= -settings.clear_fraction * settings.wear_rise
     # of the change itself: the probabilities of the single joints in `evidence` are of what is beyond the common change
     beyond = risen - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - fallen

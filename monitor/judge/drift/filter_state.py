@@ -39,6 +39,7 @@ OLDEST = 200  # … up to so many replays ago
 KINDS = 2  # of sudden changes: a step of wear, a new wear rate
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level: e^±10 covers every torque, and float64 keeps 10 digits for the rest
 LOG_RISE = np.array([-3.0, 3.0])  # [log] bounds of wear: no joint has 20 times its friction, or a twentieth of it
+RISE = np.exp(LOG_RISE)
 UNKNOWN_NOISE = 1.5  # times the prior noise is assumed at first: noise above its prior would be taken for changes while it is learnt
 PRIOR_CORRELATION = 8.0  # [replays] weight of the prior correlation of noise
 REPLAYS_PER_LENGTH = 6.0  # of noise: a correlation over 1/(1 − ρ) replays needs so many times as many to show
@@ -126,11 +127,11 @@ class FilterState:
         in it would take all of their scatter for noise that fades, and go on believing.
         """
         J = joints_per_arm
-        longest = self.noise_weight.reshape(-1, J).mean(axis=1) / REPLAYS_PER_LENGTH
-        most = np.clip(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation, settings.autocorrelation_max)
         n = self.noise_weight.reshape(-1, J).mean(axis=1)
+        longest = n / REPLAYS_PER_LENGTH
+        most = np.minimum(np.maximum(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation), settings.autocorrelation_max)
         shown = (n * self.correlation_seen(J) + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
-        rho = np.clip(shown, 0.0, most)
+        rho = np.minimum(np.maximum(shown, 0.0), most)
         return np.repeat(rho, J)
 
     def correlation_seen(self, joints_per_arm: int) -> Array:
@@ -276,7 +277,7 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     interval = state.interval_days if state.sources is None else state.sources.interval_days
     decay = rho ** np.minimum(days / interval, 1e3)  # share of n that is left: an Ornstein–Uhlenbeck process
     S = state.mean.shape[1]
-    F = np.tile(np.eye(S), (N, 1, 1))
+    F = np.repeat(np.eye(S)[None], N, axis=0)
     F[:, WEAR, RATE] = use
     F[:, NOISE, NOISE] = decay
     q = settings.rate_walk_per_sqrt_day**2 + (settings.pace_walk_per_sqrt_day * state.mean[:, RATE]) ** 2  # (N,)
@@ -299,13 +300,13 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
             unconfirmed=sources.unconfirmed + sources.unconfirmed_rate * use,
         )
     # friction increases along a straight line: predict e^w − 1, and return to w, with the derivative of each map in the covariance
-    grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
+    grown = np.exp(np.minimum(np.maximum(state.mean[:, WEAR], LOG_RISE[0]), LOG_RISE[1]))
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[:, WEAR] = grown - 1.0
     cov[:, WEAR, :] *= grown[:, None]
     cov[:, :, WEAR] *= grown[:, None]
     mean, cov = predict(mean, cov, F, Q)
-    then = np.clip(1.0 + mean[:, WEAR], *np.exp(LOG_RISE))
+    then = np.minimum(np.maximum(1.0 + mean[:, WEAR], RISE[0]), RISE[1])
     mean[:, WEAR] = np.log(then)
     cov[:, WEAR, :] /= then[:, None]
     cov[:, :, WEAR] /= then[:, None]

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,9 +64,15 @@ class MassEstimate:
 
 def rigid_of(identification: Identification) -> np.ndarray:
     """(B,) which base parameters are rigid: neither friction nor rotor inertia."""
-    joints = len(identification.coulomb_nm)
-    others = np.concatenate([*friction_columns(joints), np.arange(joints) * PER_JOINT + PER_JOINT - 1])
-    rigid: np.ndarray = ~np.isin(identification.columns, others)
+    rigid: np.ndarray = _rigid_columns(len(identification.coulomb_nm))[np.asarray(identification.columns, dtype=int)]
+    return rigid
+
+
+@cache
+def _rigid_columns(joints: int) -> np.ndarray:
+    """(P,) which columns of the regressor are rigid."""
+    rigid = np.ones(PER_JOINT * joints, dtype=bool)
+    rigid[np.concatenate([*friction_columns(joints), np.arange(joints) * PER_JOINT + PER_JOINT - 1])] = False
     return rigid
 
 
@@ -90,7 +97,7 @@ def rigid_fit(identification: Identification) -> RigidFit:
     last_link = PER_JOINT * (len(identification.coulomb_nm) - 1)
     return RigidFit(
         columns=np.array(identification.columns, dtype=float)[rigid],
-        names=tuple(np.array(identification.names)[rigid].tolist()),
+        names=tuple(compress(identification.names, rigid.tolist())),
         values=identification.values[rigid],
         covariance=identification.covariance[np.ix_(rigid, rigid)],
         of_mass=identification.combination[rigid][:, last_link : last_link + MASS_PARAMETERS],
@@ -139,14 +146,18 @@ def compare_weights(
     explained = 1.0 - squares_left / max(squares, 1e-300)
     if squares - squares_left > sigma**2 and explained >= EXPLAINED and abs(load[0]) >= mass_kg:
         return _payload(float(load[0]))
-    worst = str(np.array(fit.names)[known][int(np.argmax(np.abs(normalised)))])
     if explained < EXPLAINED and squares > degrees * sigma**2:
-        return _gains(np.sqrt(squares / degrees), worst)
+        return _gains(np.sqrt(squares / degrees), _worst(fit, known, normalised))
     together = (left or what_is_left(fit, estimate))()
     chi2 = together.chi2 / max(estimate.scatter, 1.0)
     if chi2 > _chi2_limit(together.degrees, sigma):
-        return _gains(np.sqrt(chi2 / together.degrees), worst)
+        return _gains(np.sqrt(chi2 / together.degrees), _worst(fit, known, normalised))
     return NO_UNDECLARED_CHANGE
+
+
+def _worst(fit: RigidFit, known: np.ndarray, normalised: Array) -> str:
+    """The name of the parameter that is furthest from the replays before, of those that are known (R,)."""
+    return fit.names[int(np.flatnonzero(known)[np.argmax(np.abs(normalised))])]
 
 
 class Unexplained(NamedTuple):

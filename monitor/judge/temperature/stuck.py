@@ -4,6 +4,7 @@ A stuck value is not a temperature. If it were used, every season would look lik
 """
 
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,14 @@ def forget_sensors(sensors: SensorHistory, new: np.ndarray) -> SensorHistory:
 def stuck_sensors(sensors: SensorHistory) -> np.ndarray:
     """(N,) which sensors are stuck."""
     moved = sensors.others_high_c - sensors.others_low_c
-    stuck: np.ndarray = (sensors.replays >= REPLAYS) & (np.nan_to_num(moved) >= MOVED_K)
+    stuck: np.ndarray = (sensors.replays >= REPLAYS) & (moved >= MOVED_K)
     return stuck
 
 
 def suspect_sensors(sensors: SensorHistory) -> np.ndarray:
     """(N,) which sensors may be stuck: until that is sure, a temperature that they missed would look like friction."""
     moved = sensors.others_high_c - sensors.others_low_c
-    suspect: np.ndarray = (sensors.replays >= SUSPECT_REPLAYS) & (np.nan_to_num(moved) >= SUSPECT_MOVED_K)
+    suspect: np.ndarray = (sensors.replays >= SUSPECT_REPLAYS) & (moved >= SUSPECT_MOVED_K)
     return suspect
 
 
@@ -75,9 +76,14 @@ def median_of_others(values: Array, joints_per_arm: int) -> Array:
     J = joints_per_arm
     if J < 3:
         return np.full(len(values), np.nan)
-    others = np.array([[k for k in range(J) if k != j] for j in range(J)])  # (J, J − 1)
-    known = np.where(np.isfinite(values), values, np.nan).reshape(-1, J)[:, others]
+    known = np.where(np.isfinite(values), values, np.nan).reshape(-1, J)[:, _others(J)]
     ordered = np.sort(known, axis=-1)  # (A, J, J − 1), NaN last
     count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
     lower, upper = (np.take_along_axis(ordered, np.maximum(k, 0), axis=-1) for k in ((count - 1) // 2, count // 2))
     return np.where(count >= 2, (lower + upper) / 2.0, np.nan).ravel()
+
+
+@cache
+def _others(joints: int) -> np.ndarray:
+    """(J, J − 1) the other joints of each joint."""
+    return np.array([[k for k in range(joints) if k != j] for j in range(joints)])
