@@ -134,10 +134,10 @@ def test_assessment_is_markov():
     from monitor.judge.alerts.documents import health_from_document
     from monitor.judge.belief import belief_from_document
 
-    straight = lived(60, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 40)))
+    straight = lived(40, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 28)))
     through, arm, rng = History(), Arm(seed=5, noise=0.01), np.random.default_rng(1005)
-    for day in range(60):
-        through.add(day + 0.3, arm.replay(weather(day, rng), on_joint_3(0.08 * (day >= 40))))
+    for day in range(40):
+        through.add(day + 0.3, arm.replay(weather(day, rng), on_joint_3(0.08 * (day >= 28))))
         belief = belief_from_document(json.loads(json.dumps(through.last.belief.as_document())))
         through.last, through.health = (
             replace(through.last, belief=belief),

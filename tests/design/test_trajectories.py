@@ -165,9 +165,7 @@ def test_a_start_and_a_cell_with_a_tool_are_kept():
     """The whole task of a real site: start pose, box, fence, tool; what comes out is clear by the independent judge."""
     cell = load_cell(shared_file("cell/example.toml"))
     start = pose(0.3, -1.5, 0.4, -1.2, 0.2, 0.0)
-    excitation, _ = design(
-        task(cell=cell, start_rad=start, approaches_rad=(pose(0, -1.57, 0, -1.57, 0, 0),)), software="t", evaluations=120
-    )
+    excitation, _ = design(task(cell=cell, start_rad=start, approaches_rad=(pose(0, -1.57, 0, -1.57, 0, 0),)), software="t", evaluations=60)
     np.testing.assert_allclose(excitation.at(np.array([0.0, 10.0])).q, [start, start], atol=1e-12)
     q = excitation.at(np.linspace(0.0, 10.0, 2501)).q
     seen = judge(load_robot("ur5"), Mounting(), cell).gaps(q[::10])

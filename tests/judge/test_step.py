@@ -21,7 +21,7 @@ from monitor.studies.rehearsal.play import play
 pytestmark = pytest.mark.xdist_group("undamaged step")  # one worker judges without a damage once
 
 ASSESS = AssessSettings()
-DAYS, JUMP_DAY = 26, 14
+DAYS, JUMP_DAY = 20, 11
 DAMAGES = {}  # stage → (module in which it is looked up, its name, the damaged stage)
 
 
@@ -147,7 +147,7 @@ def verdict() -> str:
         if day == 8:
             seen = replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),))
         worked = 4000.0 * (day - day // 7)
-        history.add(day, seen, replace(CONTEXT, revolutions=(worked,) * 6, payload_kg=2.0 if day in {18, 19} else 0.0))
+        history.add(day, seen, replace(CONTEXT, revolutions=(worked,) * 6, payload_kg=2.0 if day in {15, 16} else 0.0))
     last = history.last
     return json.dumps([history.transitions, last.as_document(), last.belief.as_document(), last.health.as_document()])
 

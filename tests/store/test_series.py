@@ -80,13 +80,14 @@ def test_assess_prints_one_object(recordings):
 def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 
-    Wear begins within ten days of the end of learning and is watched for 45 days more: by then 100 % a year is found, which is asked here.
+    Wear begins within ten days of the end of learning. That of 100 % a year is watched for 45 days more: by then it is found, which is
+    asked here; the other kinds only until it has begun.
     That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. The fleet without wear is
     watched for a fifth of a year. Lives are short ones, of some weeks, and every arm is asked on each path at each share of its life.
     """
     monkeypatch.setattr(rehearsal, "FleetSettings", partial(FleetSettings, days=LEARNING_DAYS + 73))
     monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 10))
-    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + 55)
+    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + (55 if per_year == 1.0 else 12))
     monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(2.40, 4.80)))
     picture = tmp_path / "delays.png"
     document = json.loads(printed("rehearse", "--config", ROOT / "config/monitor.toml", "--arms", 16, "--json", "--plot", picture))

@@ -47,7 +47,7 @@ def test_after_twelve_replays_temperatures_halve_the_error():
 def test_the_range_is_that_of_the_temperatures_that_count(monkeypatch):
     """A joint outside the temperatures of the study does not count for the errors, nor for the range beside them."""
     monkeypatch.setattr(torque, "WARMEST_C", 30.0)
-    found = arm(41, 3, 2)
+    found = arm(41, 2, 2)
     assert np.isnan(found.friction_error_nm).any()
     assert found.range_c[1] <= 30.0
 
