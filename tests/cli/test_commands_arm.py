@@ -13,6 +13,8 @@ from monitor.config.files import find_excitation
 from monitor.errors import BadInput
 from monitor.model.robot import load_robot
 
+pytestmark = pytest.mark.xdist_group("replayed")  # one worker plays the replays of these files, and those of `identify`
+
 
 def test_base_prints_the_whole_object():
     """JSON has all keys, the counts by columns and as in the paper, coefficients in full precision, singular values with their energy."""

@@ -17,6 +17,8 @@ from monitor.model.robot import load_robot
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.views.plots.residuals import Residuals, residual_plot
 
+pytestmark = pytest.mark.xdist_group("replayed")  # one worker plays the replays of these files
+
 
 def pixels(path):
     """(height, width, unpacked bytes) of a PNG, read without the library that wrote it."""
