@@ -11,6 +11,7 @@ from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, LONGEST, inflation_of, nothing_seen
+from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
@@ -23,7 +24,7 @@ J = 6
 DRIFT, LAWS, HEALTH = DriftSettings(), TemperatureSettings(), HealthSettings()
 
 
-def correlated(rng: np.random.Generator, days: int, joints: int, *, std: float, rho: float, shocks: Array | None = None) -> Array:
+def correlated(rng: np.random.Generator, days: int, joints: int, *, std: float, rho: float | Array, shocks: Array | None = None) -> Array:
     """(days, joints) noise with correlation ρ from replay to replay."""
     new = rng.normal(size=(days, joints)) if shocks is None else shocks
     noise = new.copy()
@@ -194,3 +195,36 @@ def test_a_belief_without_a_record_of_chance_goes_on():
     assert np.all(carried.filter_state.chance.inflation == 1.0)
     after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 40 * 86400.0, settings=DRIFT, laws=LAWS).belief
     assert np.all(np.abs(after.wear - belief.wear) < 0.005)
+
+
+def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():
+    """Few replays, or six joints that differ by chance: the arm's ρ. Many, and joints that clearly differ: each its own."""
+    chance = 0.5 + 0.05 * np.array([1.0, -1.0, 0.5, -0.5, 0.2, -0.2])
+    one, all_differ = np.array([0.5, 0.5, 0.9, 0.5, 0.5, 0.5]), np.linspace(0.0, 0.9, J)
+    arm = np.full(J, 0.5)
+
+    def own(seen: Array, replays: float) -> Array:
+        return own_correlation(seen, arm, arm, np.full(J, replays), J)
+
+    assert np.ptp(own(chance, 300.0)) < 0.02
+    assert np.ptp(own(all_differ, 6.0)) < 0.6 * np.ptp(all_differ)
+    assert own(all_differ, 300.0) == pytest.approx(all_differ, abs=0.1)
+    assert own(one, 300.0)[2] > 0.75
+    assert np.all(np.abs(own(np.array([-3.0, 3.0, 0.5, 0.5, 0.5, 0.5]), 2.0)) <= 1.0)  # of two replays ρ may be anything
+
+
+def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
+    """12 arms for a year, ρ from 0 to 0.9 within each: 22 to 24 joints have an alert where all have the ρ of their arm, and 3 to 9 here."""
+    rho = np.tile(np.linspace(0.0, 0.9, J), 12)
+    _, alerted = lived(correlated(np.random.default_rng(6), 365, 12 * J, std=0.02, rho=rho))
+    assert alerted.sum() <= 10
+
+
+def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
+    """10 % a year for four months among joints of ρ 0.5: the joint's ρ stays within 0.05 of its fellows' on average."""
+    days, onset, arms = 220, 100, 12
+    noise = correlated(np.random.default_rng(7), days, arms * J, std=0.02, rho=0.5)
+    noise[:, 2::J] += np.log1p(0.1 / 365.0 * np.maximum(np.arange(days) - onset, 0))[:, None]
+    state, _ = lived(noise)
+    rho = state.filter_state.autocorrelation(J, DRIFT).reshape(arms, J)
+    assert np.mean(rho[:, 2] - np.delete(rho, 2, axis=1).mean(axis=1)) < 0.05

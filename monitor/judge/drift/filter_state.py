@@ -20,6 +20,7 @@ import numpy as np
 from monitor.judge.drift.channels.state import ChannelState
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
+from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import alike, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
@@ -120,24 +121,32 @@ class FilterState:
         return learnt
 
     def autocorrelation(self, joints_per_arm: int, settings: DriftSettings) -> Array:
-        """(N,) ρ of the noise of successive replays, one value for each arm: its causes are common to the arm's joints.
+        """(N,) ρ of the noise of successive replays: the arm's, or the joint's own as far as this arm's joints differ.
 
-        With γ₁ = E[(εₖ − εₖ₋₁)²]/2 = σ²(1−ρ) and c₁ = E[εₖ·εₖ₋₁] = σ²ρ: ρ = c₁/(c₁ + γ₁). It is the trimmed mean over the arm's joints,
-        because beginning wear of one joint looks like correlated noise. Few replays cannot show a long correlation: a filter that believed
-        in it would take all of their scatter for noise that fades, and go on believing.
+        With γ₁ = E[(εₖ − εₖ₋₁)²]/2 = σ²(1−ρ) and c₁ = E[εₖ·εₖ₋₁] = σ²ρ: ρ = c₁/(c₁ + γ₁). Few replays cannot show a long correlation: a
+        filter that believed in it would take all of their scatter for noise that fades, and go on believing.
         """
         J = joints_per_arm
         n = self.noise_weight.reshape(-1, J).mean(axis=1)
-        longest = n / REPLAYS_PER_LENGTH
-        most = np.minimum(np.maximum(1.0 - 1.0 / np.maximum(longest, 1e-9), settings.autocorrelation), settings.autocorrelation_max)
-        shown = (n * self.correlation_seen(J) + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
-        rho = np.minimum(np.maximum(shown, 0.0), most)
-        return np.repeat(rho, J)
+        most = np.minimum(
+            np.maximum(1.0 - REPLAYS_PER_LENGTH / np.maximum(n, 1e-9), settings.autocorrelation), settings.autocorrelation_max
+        )
+        centre = self.correlation_seen(J)
+        shown = (n * centre + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
+        own = own_correlation(self.each_correlation_seen, np.repeat(centre, J), np.repeat(shown, J), self.noise_weight, J)
+        rho: Array = np.minimum(np.maximum(own, 0.0), np.repeat(most, J))
+        return rho
+
+    @property
+    def each_correlation_seen(self) -> Array:
+        """(N,) ρ of each joint alone, without a prior and bounds."""
+        seen: Array = self.product / np.maximum(self.product + self.step_var, 1e-12)
+        return seen
 
     def correlation_seen(self, joints_per_arm: int) -> Array:
-        """(A,) ρ of each arm without its prior and its bounds: the trimmed mean over the arm's joints."""
+        """(A,) ρ of each arm without its prior and its bounds: the trimmed mean over the arm's joints, since one of them may wear."""
         J = joints_per_arm
-        each = np.sort((self.product / np.maximum(self.product + self.step_var, 1e-12)).reshape(-1, J), axis=1)
+        each = np.sort(self.each_correlation_seen.reshape(-1, J), axis=1)
         trim = J // 6 + (J == 5)
         mean: Array = each[:, trim : J - trim].mean(axis=1)
         return mean

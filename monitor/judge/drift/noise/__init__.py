@@ -1,1 +1,1 @@
-"""What the noise between replays is: its size, its tails, and what chance does at every age of a change."""
+"""What the noise between replays is: its size, its tails, its correlation, and what chance does at every age of a change."""
