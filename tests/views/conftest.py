@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import pytest
+from browser_tabs import Tabs
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
@@ -40,3 +41,16 @@ def browser():
             running = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         stack.callback(running.close)
         yield running
+
+
+@pytest.fixture(scope="session")
+def tabs_of_all(browser):
+    """The tabs of this run."""
+    return Tabs(browser)
+
+
+@pytest.fixture
+def tabs(tabs_of_all):
+    """Tabs as if nobody had used them. A test that ends the server clears them before: the next would hear the page's complaint."""
+    yield tabs_of_all
+    tabs_of_all.clear()

@@ -1,7 +1,6 @@
 """The plant's screen in a real Chromium: by eye, keyboard and finger, light and dark, in both languages."""
 
 import pytest
-from browser_sizes import SIZES
 from plant_screen import ALERT, PlantOfATest, documents
 
 pytestmark = pytest.mark.timeout(180)
@@ -22,23 +21,19 @@ def plant(tmp_path_factory):
 
 
 @pytest.fixture
-def opened(browser, plant, request):
+def opened(tabs, plant):
     """Open the screen; whatever the page complains about fails the test."""
-    contexts, complaints = [], []
+    complaints = []
 
     def visit(size="desktop", scheme="light", locale="en-GB"):
-        context = browser.new_context(viewport=SIZES[size], color_scheme=scheme, locale=locale)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda message: complaints.append(message.text) if message.type in {"error", "warning"} else None)
+        page = tabs.open(size, scheme, locale)
+        tabs.hear(page, "pageerror", lambda error: complaints.append(str(error)))
+        tabs.hear(page, "console", lambda message: complaints.append(message.text) if message.type in {"error", "warning"} else None)
         page.goto(plant.url)
         page.wait_for_function("document.querySelectorAll('#arms tbody tr').length === 26")
         return page
 
     yield visit
-    for context in contexts:
-        context.close()
     assert complaints == []
 
 

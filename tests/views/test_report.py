@@ -268,28 +268,27 @@ def test_windows_that_ended_alike_are_one_line_the_gravest_first(lived):
 
 
 @pytest.mark.parametrize("code", ["en", "de"])
-def test_a_month_in_which_nothing_happened_is_one_sheet_of_paper(lived, browser, code):
+def test_a_month_in_which_nothing_happened_is_one_sheet_of_paper(lived, tabs, code):
     """Chromium prints one page for one arm; a quiet month with one refused window has the chart, the joints and the line to sign on it."""
     quiet = report_of(lived, FIRST_UNIX_S, FIRST_UNIX_S + 19 * DAY_S)
-    assert sheets(browser, report_page([quiet], language(code))) == 1
+    assert sheets(tabs, report_page([quiet], language(code))) == 1
 
 
-def test_a_refusal_of_219_windows_does_not_make_the_report_long(lived, browser):
+def test_a_refusal_of_219_windows_does_not_make_the_report_long(lived, tabs):
     """With an alert, its charts and 219 windows of five causes, the report is three sheets at most."""
     whole = report_of(lived)
     failed = [
         {"replay": k, "window": rfc3339(FIRST_UNIX_S + k * DAY_S / 8), "state": "skipped", "reason": f"cause_{k % 5}: at {k} of 219"}
         for k in range(219)
     ]
-    assert sheets(browser, report_page([whole | {"unwatched": whole["unwatched"] | {"failed": failed}}])) <= 3
+    assert sheets(tabs, report_page([whole | {"unwatched": whole["unwatched"] | {"failed": failed}}])) <= 3
 
 
-def sheets(browser, text):
+def sheets(tabs, text):
     """The sheets of paper on which Chromium prints a page."""
-    page = browser.new_page()
+    page = tabs.open()
     page.set_content(text)
     printed = page.pdf(prefer_css_page_size=True)
-    page.close()
     return len(re.findall(rb"/Type\s*/Page\b(?!s)", printed))
 
 
