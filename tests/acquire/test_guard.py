@@ -1,6 +1,7 @@
 """Which motions the conditions refuse, and with which words."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -100,22 +101,28 @@ def test_settings_that_would_weaken_the_watchdog_are_refused():
         ReplaySettings(host="127.0.0.1", watchdog_hz=2.0)
 
 
+@cache
+def kinematics_of_ur5():
+    """Pinocchio's own model and its memory."""
+    model = load_robot("ur5").pinocchio_model()
+    return model, model.createData()
+
+
+def flange_of(q):
+    """Where the flange stands in the base's frame."""
+    model, data = kinematics_of_ur5()
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[model.getFrameId("dh_6")]
+
+
 def upright(q, mounting=None):
     """Reading (3,) of a flange's accelerometer at rest, computed with pinocchio's kinematics, not with ours."""
-    robot = load_robot("ur5")
-    model = robot.pinocchio_model()
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    flange = data.oMf[model.getFrameId("dh_6")].rotation
-    return tuple(-flange.T @ (mounting or Mounting()).gravity_in_base)
+    return tuple(-flange_of(q).rotation.T @ (mounting or Mounting()).gravity_in_base)
 
 
 def tcp_of(q, offset_m=(0.0, 0.0, 0.1)):
     """The TCP pose (6,) that a controller reports for a tool without rotation, computed with pinocchio's kinematics."""
-    model = load_robot("ur5").pinocchio_model()
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    flange = data.oMf[model.getFrameId("dh_6")]
+    flange = flange_of(q)
     return (*(flange.translation + flange.rotation @ np.array(offset_m)), *pin.log3(flange.rotation))
 
 
