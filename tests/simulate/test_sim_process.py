@@ -6,7 +6,9 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import ended
 from prepared import Process, run
@@ -32,6 +34,26 @@ def test_an_address_of_the_network_is_refused(capsys):
     """The exit code is 2, and no socket was opened."""
     assert main(["--bind", "0.0.0.0"]) == 2
     assert "loopback" in capsys.readouterr().err
+
+
+def test_an_arm_that_nobody_watches_keeps_its_clock_and_wakes_rarely(spawn):
+    """Whenever somebody asks, its time is that of the wall; in between it wakes some ten times a second, and not 500 times."""
+    simulator = spawn("--robot", "ur5e")
+    behind_s = []
+    with simulator.remote() as remote:
+        woken = wakes(simulator.process.pid)
+        for _ in range(12):
+            time.sleep(0.13)  # between two rests, each time at another moment
+            truth = remote.truth()
+            behind_s.append(time.monotonic() - truth["clock_s"] - 0.002 * truth["ticks"]["dropped"])
+        woken = wakes(simulator.process.pid) - woken
+    assert np.median(np.abs(behind_s - np.median(behind_s))) < 0.008  # it would be a quarter of a rest, 25 ms
+    assert woken < 150
+
+
+def wakes(pid: int) -> int:
+    """How often a process has waited for something."""
+    return int(Path(f"/proc/{pid}/status").read_text().partition("\nvoluntary_ctxt_switches:")[2].split()[0])
 
 
 def test_it_ends_on_sigterm_and_on_command_and_leaves_the_ports_free(spawn):

@@ -76,6 +76,13 @@ class Ports:
                 return False
         return bool(self.open["rtde"])
 
+    @property
+    def watched(self) -> bool:
+        """Whether somebody receives states, or a program runs: then each control period has its own time."""
+        opened = self.open
+        clients = opened["rtde"] or opened["realtime"] or opened["primary"] or opened["secondary"]
+        return bool(clients) or self.controller.programs.current is not None
+
     def publish(self, now_s: float) -> None:
         """Send what is due in this control period to all clients that read."""
         controller, opened = self.controller, self.open
