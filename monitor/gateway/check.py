@@ -7,14 +7,10 @@ from monitor.errors import BadInput
 from monitor.gateway.channel import Finding
 from monitor.gateway.channels import CHANNELS
 from monitor.gateway.settings import GatewayConfiguration, load_gateway
-from monitor.plant.settings import default_path
 
 
-def check_beside(folder: Path) -> tuple[Path, list[Finding]] | None:
-    """The file of the gateway in this folder, or else the service's, and how far it gets. None where there is none, or no channel."""
-    path = default_path(folder)
-    if path is None:
-        return None
+def check_file(path: Path) -> tuple[Path, list[Finding]] | None:
+    """The file of a gateway, and how far it gets. None where it has no channel."""
     try:
         configuration = load_gateway(path)
         return (path, check_all(configuration)) if configuration.enabled else None

@@ -208,9 +208,14 @@ def _bus_reach(configuration: "Configuration") -> list[dict[str, Any]]:
 
 def _gateway_reach(configuration: "Configuration") -> dict[str, Any] | None:
     """How far the channels get that tell of this arm's alerts; None where no gateway has its file here."""
-    from monitor.gateway.check import check_beside
+    from monitor.plant.settings import default_path
 
-    found = check_beside(configuration.path.parent)
+    path = default_path(configuration.path.parent)
+    if path is None:
+        return None
+    from monitor.gateway.check import check_file  # with the plant's database: 0.3 s
+
+    found = check_file(path)
     return None if found is None else {"file": str(found[0]), "findings": [finding._asdict() for finding in found[1]]}
 
 
