@@ -17,7 +17,7 @@ from monitor.studies.paper.reproduce import reproduce
 from monitor.studies.paper.sections import sections
 from monitor.views.report.html import check_page
 
-SHORT = CampaignSettings(replays=2, evaluations=400, repetitions=1)
+SHORT = CampaignSettings(replays=2, evaluations=200, repetitions=1)
 pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("reproduce")]  # one campaign for all of them, on a machine that may be busy
 
 
