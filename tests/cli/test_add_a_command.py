@@ -47,7 +47,8 @@ class Program:
 def program(tmp_path_factory) -> Program:
     """The copy after the page's edits: one new module, two names in main.py."""
     made = Program(tmp_path_factory.mktemp("program"))
-    shutil.copytree(ROOT / "monitor", made.folder / "monitor", ignore=shutil.ignore_patterns("__pycache__"))
+    # with what is compiled already, but for files that another worker is just writing
+    shutil.copytree(ROOT / "monitor", made.folder / "monitor", ignore=shutil.ignore_patterns("*.pyc.*"))
     shutil.copytree(ROOT / "config", made.folder / "config")
     (made.room / "outcomes.py").write_text(MODULE, "utf-8")
     text = made.main.read_text("utf-8")
