@@ -20,6 +20,7 @@ from monitor.simulate.wire.timer import expirations, periodic_timer
 
 LOG_LINES, LOG_PERIOD_S = 20, 60.0  # the log gets at most so many lines in such a period
 CATCH_UP_S = 0.02  # control periods that were missed within this time are computed at once; older ones are dropped
+LONGEST_REST = 1.1  # of REST_S: what the last rest left to compute belongs to it, and the selector rounds up
 
 
 def serve(settings: SimulateSettings, on_ready: Callable[[], None] | None = None) -> None:
@@ -113,7 +114,7 @@ class _Ticker:
         self._ports = robot.ports
         self._time = asyncio.get_running_loop().time
         self._catch_up = max(1, round(CATCH_UP_S / ticks.tick_s))
-        self._in_a_rest = math.ceil(REST_S / ticks.tick_s)
+        self._in_a_rest = math.ceil(LONGEST_REST * REST_S / ticks.tick_s)
 
     def rests(self) -> bool:
         """Whether nobody could tell that several control periods are computed at once."""

@@ -37,17 +37,19 @@ def test_an_address_of_the_network_is_refused(capsys):
 
 
 def test_an_arm_that_nobody_watches_keeps_its_clock_and_wakes_rarely(spawn):
-    """Whenever somebody asks, its time is that of the wall; in between it wakes some ten times a second, and not 500 times."""
+    """Whenever somebody asks, its time is that of the wall; in between it wakes some ten times a second, not 500 times, and is not late."""
     simulator = spawn("--robot", "ur5e")
-    behind_s = []
+    behind_s, late = [], []
     with simulator.remote() as remote:
         woken = wakes(simulator.process.pid)
         for _ in range(12):
-            time.sleep(0.13)  # between two rests, each time at another moment
+            time.sleep(0.23)  # two rests, and part of a third
             truth = remote.truth()
+            late.append(truth["ticks"]["late"])
             behind_s.append(time.monotonic() - truth["clock_s"] - 0.002 * truth["ticks"]["dropped"])
         woken = wakes(simulator.process.pid) - woken
     assert np.median(np.abs(behind_s - np.median(behind_s))) < 0.008  # it would be a quarter of a rest, 25 ms
+    assert np.median(np.diff(late)) == 0
     assert woken < 150
 
 
