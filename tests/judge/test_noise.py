@@ -213,16 +213,6 @@ def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():
     assert np.all(np.abs(own(np.array([-3.0, 3.0, 0.5, 0.5, 0.5, 0.5]), 2.0)) <= 1.0)  # of two replays ρ may be anything
 
 
-def test_a_joint_that_was_replaced_leaves_the_others_their_own_correlation():
-    """Of five replays of the new joint nothing is known, and the others differ as clearly as before."""
-    seen, replays = np.linspace(0.0, 0.9, J), np.full(J, 300.0)
-    replays[2], seen[2] = 5.0, 0.5
-    others = np.arange(J) != 2
-    own = own_correlation(seen, np.full(J, 0.5), np.full(J, 0.5), replays, J)
-    assert own[others] == pytest.approx(seen[others], abs=0.1)
-    assert abs(own[2] - 0.5) < 0.1
-
-
 def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
     """12 arms for a year, ρ from 0 to 0.9 within each: 22 to 24 joints have an alert where all have the ρ of their arm, and 3 to 9 here."""
     rho = np.tile(np.linspace(0.0, 0.9, J), 12)

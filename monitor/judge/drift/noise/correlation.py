@@ -15,7 +15,6 @@ from monitor.recording import Array
 # have one ρ it is 1.0 to 1.5 of noise of 2 %, up to 3 where noise within the replay is half of it, and up to 3.3 of 1/f noise. So joints
 # differ clearly only from CLEAR times the first on.
 CHANCE, CLEAR = 1.5, 2.5
-SEEN_AS_OFTEN = 2.0  # a joint of fewer than half as many replays as another, as after it was replaced, says the less how the joints differ
 APART_VAR, APART_JOINTS = 5e-4, 4.0  # prior variance of arcsin ρ between the joints of an arm, and its weight in joints
 
 
@@ -28,10 +27,8 @@ def own_correlation(seen: Array, centre: Array, shown: Array, replays: Array, jo
     """
     J = joints_per_arm
     away = (_angle(seen) - _angle(centre)).reshape(-1, J)
-    seen_in = replays.reshape(-1, J)
-    chance = CHANCE / seen_in
-    known = np.minimum(SEEN_AS_OFTEN * seen_in / seen_in.max(axis=1, keepdims=True), 1.0)
-    differ = np.maximum(np.sum(known * (away**2 - CLEAR * chance), axis=1, keepdims=True), 0.0)
+    chance = CHANCE / replays.reshape(-1, J)
+    differ = np.maximum(np.sum(away**2 - CLEAR * chance, axis=1, keepdims=True), 0.0)
     between = (APART_JOINTS * APART_VAR + differ) / (APART_JOINTS + J - 1.0)
     angle = _angle(shown) + (away * between / (between + chance)).ravel()
     own: Array = np.sin(np.minimum(np.maximum(angle, -0.5 * np.pi), 0.5 * np.pi))
