@@ -9,6 +9,7 @@ Shapes: N joints, J per arm.
 
 import numpy as np
 
+from monitor.judge.drift.noise.shrinkage import shrunk
 from monitor.recording import Array
 
 # Variance of arcsin ρ of n replays, times n: 1 where only the noise is unknown (Bartlett, 1946). Between the joints of simulated arms that
@@ -19,7 +20,7 @@ APART_VAR, APART_JOINTS = 5e-4, 4.0  # prior variance of arcsin ρ between the j
 
 
 def own_correlation(seen: Array, centre: Array, shown: Array, replays: Array, joints_per_arm: int) -> Array:
-    """(N,) ρ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance (James and Stein, 1961).
+    """(N,) ρ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance.
 
     seen : (N,) ρ of each joint alone, and centre : (N,) their middle in the arm. shown : (N,) ρ of the arm, with its prior. replays : (N,)
     that ρ was seen in. The scatter of arcsin ρ is about the same for every ρ. Beginning wear of one joint looks like correlated noise;
@@ -28,14 +29,12 @@ def own_correlation(seen: Array, centre: Array, shown: Array, replays: Array, jo
     J = joints_per_arm
     away = (_angle(seen) - _angle(centre)).reshape(-1, J)
     chance = CHANCE / replays.reshape(-1, J)
-    differ = np.maximum(np.sum(away**2 - CLEAR * chance, axis=1, keepdims=True), 0.0)
-    between = (APART_JOINTS * APART_VAR + differ) / (APART_JOINTS + J - 1.0)
-    angle = _angle(shown) + (away * between / (between + chance)).ravel()
-    own: Array = np.sin(np.minimum(np.maximum(angle, -0.5 * np.pi), 0.5 * np.pi))
+    nearer = shrunk(away, chance, prior_var=APART_VAR, prior_joints=APART_JOINTS, clear=CLEAR)
+    own: Array = np.sin(np.clip(_angle(shown) + nearer.ravel(), -0.5 * np.pi, 0.5 * np.pi))
     return own
 
 
 def _angle(rho: Array) -> Array:
     """Arcsin ρ; estimates of few replays may lie outside −1 … 1."""
-    angle: Array = np.arcsin(np.minimum(np.maximum(rho, -1.0), 1.0))
+    angle: Array = np.arcsin(np.clip(rho, -1.0, 1.0))
     return angle

@@ -5,6 +5,7 @@ Shapes: N joints, J per arm.
 
 import numpy as np
 
+from monitor.judge.drift.noise.shrinkage import shrunk
 from monitor.recording import Array
 
 RECENT_REPLAYS = 15.0  # memory of the present noise: six joints then tell its variance to 13 %
@@ -30,14 +31,12 @@ def counted_sigma(outliers: Array, replays: Array, joints_per_arm: int) -> Array
 
 
 def alike(step_var: Array, replays: Array, joints_per_arm: int) -> Array:
-    """(N,) γ₁ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance (James and Stein, 1961)."""
+    """(N,) γ₁ of each joint, nearer to the arm's the less the joints of this arm differ beyond chance."""
     J = joints_per_arm
     log = np.log(step_var).reshape(-1, J)
     chance = (DIFFERENCES / replays).reshape(-1, J)
     mean = log.mean(axis=1, keepdims=True)
-    differ = np.maximum(np.sum((log - mean) ** 2 - chance, axis=1, keepdims=True), 0.0)
-    between = (ALIKE_JOINTS * ALIKE_VAR + differ) / (ALIKE_JOINTS + J - 1.0)
-    each: Array = np.exp(mean + (log - mean) * between / (between + chance)).ravel()
+    each: Array = np.exp(mean + shrunk(log - mean, chance, prior_var=ALIKE_VAR, prior_joints=ALIKE_JOINTS)).ravel()
     return each
 
 
