@@ -147,8 +147,8 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
     doubt[:3, :3] = state.cov[n][np.ix_(law[:3], law[:3])]
     others = np.array([3 + k for k in range(SLOTS) if k != slot])
     doubt[others, others] = OTHER_LEVEL_STD**2
-    var = float(state.noise_var(joints_per_arm, settings)[n])
-    rho = float(state.autocorrelation(joints_per_arm, settings)[n])
+    each_rho = state.autocorrelation(joints_per_arm, settings)
+    var, rho = float(state.noise_var(joints_per_arm, settings, each_rho)[n]), float(each_rho[n])
     V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
     V += rows @ doubt @ rows.T
     for tau in RUNNING_IN_DAYS:

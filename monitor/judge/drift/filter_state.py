@@ -128,13 +128,11 @@ class FilterState:
         """
         J = joints_per_arm
         n = self.noise_weight.reshape(-1, J).mean(axis=1)
-        most = np.minimum(
-            np.maximum(1.0 - REPLAYS_PER_LENGTH / np.maximum(n, 1e-9), settings.autocorrelation), settings.autocorrelation_max
-        )
+        most = np.clip(1.0 - REPLAYS_PER_LENGTH / np.maximum(n, 1e-9), settings.autocorrelation, settings.autocorrelation_max)
         centre = self.correlation_seen(J)
         shown = (n * centre + PRIOR_CORRELATION * settings.autocorrelation) / (n + PRIOR_CORRELATION)
         own = own_correlation(self.each_correlation_seen, np.repeat(centre, J), np.repeat(shown, J), self.noise_weight, J)
-        rho: Array = np.minimum(np.maximum(own, 0.0), np.repeat(most, J))
+        rho: Array = np.clip(own, 0.0, np.repeat(most, J))
         return rho
 
     @property
@@ -298,9 +296,10 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     sources, other_decay = state.sources, np.ones(N)
     if sources is not None:
         other = other_source(state, sources)
-        other_decay = other.autocorrelation(joints_per_arm, settings) ** np.minimum(days / sources.other_interval_days, 1e3)
+        other_rho = other.autocorrelation(joints_per_arm, settings)
+        other_decay = other_rho ** np.minimum(days / sources.other_interval_days, 1e3)
         F[:, WORK_NOISE, WORK_NOISE] = other_decay
-        Q[:, WORK_NOISE, WORK_NOISE] = other.noise_var(joints_per_arm, settings) * (1.0 - other_decay**2)
+        Q[:, WORK_NOISE, WORK_NOISE] = other.noise_var(joints_per_arm, settings, other_rho) * (1.0 - other_decay**2)
         Q[:, WORK_LEVEL, WORK_LEVEL] = WORK_LEVEL_WALK_PER_SQRT_DAY**2 * days
         sources = replace(
             sources,
@@ -309,13 +308,13 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
             unconfirmed=sources.unconfirmed + sources.unconfirmed_rate * use,
         )
     # friction increases along a straight line: predict e^w − 1, and return to w, with the derivative of each map in the covariance
-    grown = np.exp(np.minimum(np.maximum(state.mean[:, WEAR], LOG_RISE[0]), LOG_RISE[1]))
+    grown = np.exp(np.clip(state.mean[:, WEAR], *LOG_RISE))
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[:, WEAR] = grown - 1.0
     cov[:, WEAR, :] *= grown[:, None]
     cov[:, :, WEAR] *= grown[:, None]
     mean, cov = predict(mean, cov, F, Q)
-    then = np.minimum(np.maximum(1.0 + mean[:, WEAR], RISE[0]), RISE[1])
+    then = np.clip(1.0 + mean[:, WEAR], *RISE)
     mean[:, WEAR] = np.log(then)
     cov[:, WEAR, :] /= then[:, None]
     cov[:, :, WEAR] /= then[:, None]

@@ -185,7 +185,7 @@ def arbitrate(state: FilterState, observation: Observation, slot: Array, joints_
     s = _sources(state)
     if not s.unconfirmed.any():
         return state
-    seen = innovate(state, observation, slot, joints_per_arm, settings)
+    seen = innovate(state, observation, slot, state.noise_var(joints_per_arm, settings), settings)
     against = seen.resolved & (np.abs(seen.value + s.unconfirmed) < np.abs(seen.value))
     if not against.any():
         return state

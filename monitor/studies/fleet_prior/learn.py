@@ -67,8 +67,8 @@ def _of_model(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Temp
     family = _family(drift, temperature)
     pooled = {name: _pooled(states, entry, *family[name], J) for name, entry in (("slope", SLOPE), ("curve", CURVE), ("lag", LAG))}
     replays = np.array([state.replays for state in states])
-    sigma2 = np.array([state.noise_var(J, drift) for state in states])
     rho = np.array([state.autocorrelation(J, drift) for state in states])
+    sigma2 = np.array([state.noise_var(J, drift, of_arm) for state, of_arm in zip(states, rho, strict=True)])
     # the noise is the arm's: its joints are alike, and their number says how well it is known
     chance = DIFFERENCES / np.maximum(replays.sum(axis=1), 1.0)
     log_sigma = 0.5 * np.log(sigma2)

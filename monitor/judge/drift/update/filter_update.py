@@ -53,11 +53,11 @@ def update_filter(
     slot : (N,) in which the level of the replay's context is kept; SLOTS of an observation from work, with that source in force, and then
     replay_slot : (N,) of the replays' context. Joints without a resolved torque keep their mean and covariance.
     """
-    innovation = innovate(state, observation, slot, joints_per_arm, settings)
-    gate = gate_outliers(state, innovation, settings)
-    bank = advance_bank(state, innovation, gate, joints_per_arm)
     rho = state.autocorrelation(joints_per_arm, settings)
     var = state.noise_var(joints_per_arm, settings, rho)
+    innovation = innovate(state, observation, slot, var, settings)
+    gate = gate_outliers(state, innovation, settings)
+    bank = advance_bank(state, innovation, gate, joints_per_arm)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)

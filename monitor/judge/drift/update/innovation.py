@@ -37,8 +37,8 @@ class Gate(NamedTuple):
     in_a_row: np.ndarray  # as many of them as a step needs
 
 
-def innovate(state: FilterState, observation: Observation, slot: Array, joints_per_arm: int, settings: DriftSettings) -> Innovation:
-    """The innovation of a replay, by the state predicted to its time. slot : (N,) of the replay's context."""
+def innovate(state: FilterState, observation: Observation, slot: Array, noise_var: Array, settings: DriftSettings) -> Innovation:
+    """The innovation of a replay, by the state predicted to its time. slot : (N,) of the replay's context; noise_var : (N,) the state's."""
     resolved = np.isfinite(observation.log_torque)
     sensed = np.isfinite(observation.temperature_c)
     t = np.where(sensed, observation.temperature_c - state.origin_c, 0.0)
@@ -53,7 +53,7 @@ def innovate(state: FilterState, observation: Observation, slot: Array, joints_p
     nu = y - np.einsum("na,na->n", H, state.mean)
     PH = np.einsum("nab,nb->na", state.cov, H)
     S = np.einsum("na,na->n", H, PH) + within
-    quiet = state.noise_var(joints_per_arm, settings) + within
+    quiet = noise_var + within
     shared = PH[:, NOISE] - state.cov[:, NOISE, NOISE]
     level_var = S - within - 2.0 * shared - state.cov[:, NOISE, NOISE]
     return Innovation(
