@@ -445,7 +445,7 @@ def test_a_person_allows_motion_after_a_stop(tabs, tmp_path):
 def test_work_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
     """A replaced joint begins anew: its alert clears, the dialog says so, the chart has a mark; and a mistake is taken back there."""
     with monitor(tmp_path, days=32, moving=False) as (server, _, store):
-        page = tabs.open()
+        page = tabs.open(locale="en-US")
         page.goto(server.url)
         page.locator('#active [data-do="serviced"]').click()
         page.locator("#kind").select_option("replaced")
@@ -462,7 +462,7 @@ def test_work_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
         (work,) = store.works.rows()
         assert work.document["kind"] == "replaced"
         page.locator("#tab-3").click()
-        expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on 3 Jul$"))
+        expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on Jul 3$"))
         expect(page.locator("#worked")).to_contain_text("Elbow (joint 3) was replaced")
         page.locator("#undo").click()
         page.locator("#reason").fill("it was the shoulder")
