@@ -65,12 +65,14 @@ def serve(
     `replay_now` requests one replay at the start, whatever the schedule says. clocks : the host's where none are given. play : how a
     recording is made; over RTDE where nothing is given. running : a context in which the daemon runs, made once it is ready.
 
-    Raises StoreError or BusError where the daemon cannot start, StoreError where the history was found damaged while it ran.
+    Raises StoreError or BusError where the daemon cannot start, BadConfiguration where the history cannot be continued with these settings,
+    StoreError where it was found damaged while the daemon ran.
     """
     log_refusals(configuration.bus)
     hangup = _on_hangup()  # from now on no request for a reload is lost
     with ExitStack() as stack:
         store, configuration = open_store(configuration, stack, hangup)
+        _check_fits(configuration, store)
         trial, clocks = clocks is not None, clocks or Clocks()
         requests, heartbeats, problems = ReplayRequests(), Heartbeats(), Problems(clocks.now)
         if replay_now:
@@ -180,7 +182,7 @@ def _beside_state_directory(directory: Path) -> str:
     return f"; the unit may write below {state} alone: leave [store] directory out, or name it in ReadWritePaths="
 
 
-def check_fits(configuration: Configuration, store: Store) -> None:
+def _check_fits(configuration: Configuration, store: Store) -> None:
     """Raises BadConfiguration where the history is of another model or reference speed: nothing could be learnt with it."""
     state = store.assessments.state()
     if state is not None:

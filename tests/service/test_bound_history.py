@@ -1,29 +1,51 @@
 """A history is of one model, and refers its friction to one speed: another one is named before anything runs with it."""
 
-import dataclasses
+from pathlib import Path
 
 import pytest
-from lived_monitor import configuration, identified, live_through
+from command_line import program
+from lived_monitor import identified, live_through
 
-from monitor.errors import BadConfiguration
-from monitor.judge.drift.settings import DriftSettings
+from monitor.config.load import load
 from monitor.service.maintenance.preflight import service_conditions
-from monitor.service.run import check_fits
 from monitor.store.store import Store
 
+CONFIG = """
+[robot]
+model = "{model}"
+site = "hall-2"
+id = "cell-1"
+payload_kg = 1.2
+tool = "gripper"
+[store]
+directory = "history"
+[drift]
+reference_speed_rad_s = {speed}
+"""
 
-def test_a_history_of_another_reference_speed_is_named_and_a_start_with_it_is_refused(tmp_path):
-    """`check` says it, and `run` ends: every replay would be rejected, one after the other."""
-    settings = configuration(tmp_path)
-    other = dataclasses.replace(settings.assess, drift=DriftSettings(reference_speed_rad_s=0.5))
-    wrong = dataclasses.replace(settings, assess=other)
-    with Store.open(settings.state_directory) as store:
-        live_through(store, settings.assess, *identified(), 2)
-        check_fits(settings, store)
-        with pytest.raises(BadConfiguration, match=r"set it back to 0.4, or begin a new history"):
-            check_fits(wrong, store)
-    [right] = [each for each in service_conditions(settings) if each.name == "history"]
-    assert right.holds, right.text
-    [found] = [each for each in service_conditions(wrong) if each.name == "history"]
+
+@pytest.mark.parametrize(
+    ("model", "speed", "why"),
+    [
+        ("ur5", 0.5, "refers to 0.4 rad/s, drift.reference_speed_rad_s is 0.5"),
+        ("ur10", 0.4, "it is of a ur5, robot.model is ur10"),
+    ],
+)
+def test_a_history_of_another_arm_is_named_and_a_start_with_it_is_refused(tmp_path: Path, model, speed, why):
+    """`check` says it, and `run` ends as for a wrong configuration: every replay would be rejected, one after the other."""
+    config = tmp_path / "cell.toml"
+    config.write_text(CONFIG.format(model="ur5", speed=0.4))
+    right = load(config)
+    with Store.open(right.state_directory) as store:
+        live_through(store, right.assess, *identified(), 2)
+    [found] = [each for each in service_conditions(right) if each.name == "history"]
+    assert found.holds, found.text
+    config.write_text(CONFIG.format(model=model, speed=speed))
+    [found] = [each for each in service_conditions(load(config)) if each.name == "history"]
     assert not found.holds
-    assert "refers to 0.4 rad/s, drift.reference_speed_rad_s is 0.5" in found.text
+    assert why in found.text
+    ended = program("run", "--config", config, timeout_s=60.0)
+    assert ended.returncode == 78, ended.stderr
+    assert why in ended.stderr
+    assert "begin a new history" in ended.stderr
+    assert "Traceback" not in ended.stderr
