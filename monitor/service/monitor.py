@@ -17,7 +17,7 @@ from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.service.bus.production import Production
 from monitor.service.bus.publisher import Publisher
-from monitor.service.hand_over.borrowing import BorrowedWindow
+from monitor.service.hand_over.borrowing import BorrowedWindow, program_of
 from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import (
     HistoryEntry,
@@ -122,7 +122,11 @@ class Monitor:
         Raises nothing for what a robot may do, as `perform`. Raises StoreError.
         """
         assert self._borrow is not None
-        with BorrowedWindow(self._store, self._state.replaying, due, self._now, passed) as window:
+
+        def ask_program() -> str | None:
+            return program_of(self.configuration.driver, self.configuration.robot.host)
+
+        with BorrowedWindow(self._store, self._state.replaying, due, self._now, passed, ask_program=ask_program) as window:
 
             def should_stop() -> bool:
                 if window.ledger_id is None:

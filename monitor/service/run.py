@@ -19,7 +19,7 @@ from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
 from monitor.service.daemon import Daemon
-from monitor.service.hand_over.borrowing import BorrowedWindow, program_of
+from monitor.service.hand_over.borrowing import BorrowedWindow
 from monitor.service.hand_over.node_server import NodeServer
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
 from monitor.service.maintenance.maintenance import Maintenance
@@ -206,8 +206,6 @@ def _replay_over_rtde(
 
     ledger_id = number() if window is None else None
     log_progress = progress_log()
-    if window is not None:
-        window.ask_program = lambda: program_of(daemon.state.configuration.driver, daemon.state.configuration.robot.host)
 
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)

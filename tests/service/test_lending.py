@@ -275,9 +275,8 @@ def test_the_ledger_says_from_whom_an_arm_was_borrowed_and_for_how_long(tmp_path
     due = DueReplay(key_unix_s=THREE, since_unix_s=START, until_unix_s=START + DAY)
     with Store.open(tmp_path) as store:
         lock = threading.Lock()
-        with BorrowedWindow(store, lock, due, lambda: START + 60.0) as window:
+        with BorrowedWindow(store, lock, due, lambda: START + 60.0, ask_program=lambda: "cell.urp") as window:
             assert not lock.locked()  # nobody knows when the node is reached
-            window.ask_program = lambda: "cell.urp"
             for _ in range(2):
                 window.taken()
                 assert window.enter() == 1

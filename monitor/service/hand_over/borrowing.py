@@ -16,12 +16,21 @@ class BorrowedWindow:
     """A context manager. While it is entered nothing else is replayed; before that nothing is held, because days may pass."""
 
     def __init__(
-        self, store: Store, replaying: Lock, due: DueReplay, now: Callable[[], float], passed_by: Callable[[str], None] = lambda _: None
+        self,
+        store: Store,
+        replaying: Lock,
+        due: DueReplay,
+        now: Callable[[], float],
+        passed_by: Callable[[str], None] = lambda _: None,
+        *,
+        ask_program: Callable[[], str | None] = lambda: None,
     ) -> None:
-        """`replaying` is held from the taking of the arm to the end of the context. passed_by : takes why it was not taken at a node."""
-        self.ask_program: Callable[[], str | None] = lambda: None  # which program plays; whoever knows the arm sets it
+        """`replaying` is held from the taking of the arm to the end of the context.
+
+        passed_by : takes why it was not taken at a node. ask_program : which program plays, where that is known.
+        """
         self._store, self._replaying, self._due, self._now = store, replaying, due, now
-        self.passed_by = passed_by
+        self.passed_by, self._ask_program = passed_by, ask_program
         self._stack = ExitStack()
         self._entered_at = 0.0
         self._taken_at: float | None = None  # monotonic; None: the program has its arm
@@ -69,7 +78,7 @@ class BorrowedWindow:
                 ledger_id=self.ledger_id,
                 due_since_unix_s=self._due.since_unix_s,
                 taken_at_unix_s=self._entered_at,
-                program=self.ask_program(),
+                program=self._ask_program(),
                 waited_s=self._waited_s if given_back else None,
                 given_back=given_back,
             )
