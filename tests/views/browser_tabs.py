@@ -7,6 +7,8 @@ from urllib.parse import urljoin
 
 from browser_sizes import SIZES
 
+DEFAULT_TIMEOUT_MS = 30_000.0  # Playwright's own
+
 
 class Tabs:
     """What tests open. At the end of one its tabs are empty and keep nothing, and wait for the next test of their language."""
@@ -41,6 +43,8 @@ class Tabs:
             for other in page.context.pages:
                 if other is not page:  # opened by a link
                     other.close()
+            page.unroute_all()
+            page.set_default_timeout(DEFAULT_TIMEOUT_MS)
             if page.url.startswith("http"):
                 page.evaluate("localStorage.clear()")
                 nothing = urljoin(page.url, "/nothing")  # the server would refuse it, and the browser tell that in the next test
