@@ -62,8 +62,8 @@ def template() -> Catalog:
                 continue
             found.add(text, locations=[(f"{folder}/{path}", None)])
     for condition in CONDITIONS.values():
-        for tier in condition.tiers.values():
-            found.add(tier.advice, locations=[("monitor/judge/alerts/conditions.py", None)])
+        for text in (condition.name, *filter(None, condition.headlines), *(tier.advice for tier in condition.tiers.values())):
+            found.add(text, locations=[("monitor/judge/alerts/conditions.py", None)])
     return found
 
 

@@ -4,34 +4,18 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from monitor.judge.alerts.condition import FIRST_SENTENCE
+from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import around, day, since, span, utc
 from monitor.views.marks import WORK
 
-N_ = str  # marks a text for the catalogue
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
 NOW_DAYS = 3.0  # an inspection that is due so soon is due now
 _HELD = re.compile(r"reached by (\d{4}-\d\d-\d\d)")  # the day of the lowest friction, in the text of a rise
-# of conditions without a change of friction, of one joint and of the arm
-OF_JOINT = {
-    "temperature_sensor": N_("{joint} reports no temperature that can be believed."),
-    "data_quality": N_("The last replays do not show how heavily {joint} turns."),
-    "outside_range": N_("{joint} works at temperatures that are new to the monitor."),
-}
-OF_ARM = {
-    "temperature_sensor": N_("No joint reports its temperature."),
-    "gain_contradiction": N_("Torque and current no longer fit together, and nobody has declared a new drive."),
-    "mounting_contradiction": N_("The arm stands otherwise than the monitor was told."),
-    "payload_contradiction": N_("The arm carries another load than the monitor was told."),
-    "store_restored": N_("The monitor's history was damaged, and a backup has taken its place."),
-    "nothing_learnt": N_("The monitor has learned nothing about this arm for days."),
-    "stopped": N_("Nothing moves, and nothing will until a person has put it right."),
-    "stale": N_("What the monitor knows of this arm is out of date."),
-    "unheard": N_("The monitor does not hear the arm."),
-}
 
 
 class JointPast(NamedTuple):
@@ -84,20 +68,12 @@ def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: 
     if held is not None:
         began_unix_s = unix_s(held[1])
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
-    size = say.percent(abs(change))
-    if condition == "wear_rising":
-        return say.say("{joint} turns {rise} heavier than {since}.", joint=who, rise=size, since=before)
-    if condition == "sudden_step":
-        return say.say("{joint} all at once turns {rise} heavier than {since}.", joint=who, rise=size, since=before)
-    if condition == "friction_falling":
-        return say.say("{joint} turns {rise} lighter than {since}.", joint=who, rise=size, since=before)
-    if condition == "common_mode":
-        if change >= 0:
-            return say.say("Most joints turn {rise} heavier than {since}, all together.", rise=size, since=before)
-        return say.say("Most joints turn {rise} lighter than {since}, all together.", rise=size, since=before)
-    known = (OF_ARM if joint is None else OF_JOINT).get(condition)
-    if known is not None:
-        return say.say(known, joint=who) if joint is not None else say.say(known)
+    known = CONDITIONS.get(condition)  # None: another release raised it
+    headlines = known.headlines if known is not None else FIRST_SENTENCE
+    of_arm = (headlines.arm_fallen if change < 0 else "") or headlines.arm
+    headline = of_arm if joint is None else headlines.joint
+    if headline:
+        return say.say(headline, joint=who, rise=say.percent(abs(change)), since=before)
     first = re.split(r"(?<=[.!?])\s", text, maxsplit=1)[0]
     return say.retell(first) or say.retell(condition)
 

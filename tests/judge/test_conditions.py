@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_arm import Arm, History
 
-from monitor.judge.alerts.condition import AlertCondition, AlertTier, Rule, repeated
+from monitor.judge.alerts.condition import AlertCondition, AlertTier, Headlines, Rule, repeated
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.health import TIERS
@@ -18,6 +18,7 @@ from monitor.judge.alerts.ne107 import OFF_SPEC, STATES
 # Everything that a developer writes for a further condition: one record. In the program it stands in `CONDITIONS`.
 OVERHEATED = AlertCondition(
     name="overheated",
+    headlines=Headlines(joint="{joint} is too hot."),
     joint=repeated(
         lambda situation: situation.belief.temperature_c[situation.j] > 70.0,
         lambda situation, seen: f"Joint {situation.j + 1} is hotter than 70 °C, in {seen.replays} replays in a row.",

@@ -148,6 +148,20 @@ class AlertTier(NamedTuple):
     meaning: str  # when the tier is raised, for the documentation
 
 
+class Headlines(NamedTuple):
+    """What a page or a message leads with, by whom the alert concerns; empty: the first sentence of the alert's own text.
+
+    `{joint}` is the joint's name, `{rise}` the size of the change of friction, `{since}` the day with which it is compared.
+    """
+
+    joint: str = ""
+    arm: str = ""
+    arm_fallen: str = ""  # where the arm's friction has fallen; empty: as `arm`
+
+
+FIRST_SENTENCE = Headlines()  # that of the alert's own text
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AlertCondition:
     """Everything that is known of one alert condition: rules, texts, page, metrics and documentation read this record.
@@ -159,6 +173,7 @@ class AlertCondition:
 
     name: str
     tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order
+    headlines: Headlines = FIRST_SENTENCE  # for people; a page says them in its reader's language
     joint: Rule[JointSituation] | None = None  # how the condition of a joint is raised
     arm: Rule[ArmSituation] | None = None  # how the condition of the arm is raised; neither: the service itself raises it
     service: Callable[[ServiceSituation], str | None] | None = None  # the text while the service's own condition holds, else None

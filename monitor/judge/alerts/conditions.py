@@ -13,6 +13,7 @@ from monitor.judge.alerts.condition import (
     AlertTier,
     ArmSituation,
     ConditionStatus,
+    Headlines,
     JointSituation,
     Rule,
     repeated,
@@ -228,6 +229,7 @@ CONDITIONS: dict[str, AlertCondition] = {
     for condition in (
         AlertCondition(
             name=WEAR_RISING,
+            headlines=Headlines(joint="{joint} turns {rise} heavier than {since}."),
             joint=Rule(partial(_rising, WEAR_RISING), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
@@ -246,6 +248,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=SUDDEN_STEP,
+            headlines=Headlines(joint="{joint} all at once turns {rise} heavier than {since}."),
             joint=Rule(partial(_rising, SUDDEN_STEP), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
@@ -268,6 +271,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=FALLING,
+            headlines=Headlines(joint="{joint} turns {rise} lighter than {since}."),
             joint=Rule(_falling),
             probability_of="has fallen by more than the wear tier's rise",
             tiers={
@@ -280,6 +284,10 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="common_mode",
+            headlines=Headlines(
+                arm="Most joints turn {rise} heavier than {since}, all together.",
+                arm_fallen="Most joints turn {rise} lighter than {since}, all together.",
+            ),
             arm=Rule(_common_mode),
             probability_of=HAS_RISEN,
             tiers={
@@ -292,6 +300,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=GAINS,
+            headlines=Headlines(arm="Torque and current no longer fit together, and nobody has declared a new drive."),
             arm=_undeclared(GAINS),
             tiers={
                 "advisory": AlertTier(
@@ -304,6 +313,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=MOUNTING,
+            headlines=Headlines(arm="The arm stands otherwise than the monitor was told."),
             arm=_undeclared(MOUNTING),
             tiers={
                 "advisory": AlertTier(
@@ -315,6 +325,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=PAYLOAD,
+            headlines=Headlines(arm="The arm carries another load than the monitor was told."),
             arm=_undeclared(PAYLOAD),
             tiers={
                 "advisory": AlertTier(
@@ -327,6 +338,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="temperature_sensor",
+            headlines=Headlines(joint="{joint} reports no temperature that can be believed.", arm="No joint reports its temperature."),
             joint=repeated(_lacks_temperature, partial(_joint_text, "tells no temperature, or none that can be believed")),
             arm=repeated(
                 _arm_lacks_temperature,
@@ -344,6 +356,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="data_quality",
+            headlines=Headlines(joint="The last replays do not show how heavily {joint} turns."),
             joint=repeated(_unreliable, partial(_joint_text, "is not resolved, or scatters more than the filter believes")),
             tiers={
                 "advisory": AlertTier(
@@ -355,6 +368,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="outside_range",
+            headlines=Headlines(joint="{joint} works at temperatures that are new to the monitor."),
             joint=repeated(outside_learnt_range, partial(_joint_text, "at {T:.1f} °C is outside the temperatures learnt so far")),
             tiers={
                 "advisory": AlertTier(

@@ -5,7 +5,7 @@ A replay cannot raise them, because they say that there is none. The service loo
 
 import numpy as np
 
-from monitor.judge.alerts.condition import AlertCondition, AlertTier, ServiceSituation, Standing
+from monitor.judge.alerts.condition import AlertCondition, AlertTier, Headlines, ServiceSituation, Standing
 from monitor.judge.alerts.ne107 import CHECK_FUNCTION
 from monitor.recording import DAY_S
 
@@ -53,6 +53,7 @@ def _time(standing: Standing) -> str:
 SERVICE_CONDITIONS = (
     AlertCondition(
         name=STORE_RESTORED,
+        headlines=Headlines(arm="The monitor's history was damaged, and a backup has taken its place."),
         tiers={
             "advisory": AlertTier(
                 CHECK_FUNCTION,
@@ -63,6 +64,7 @@ SERVICE_CONDITIONS = (
     ),
     AlertCondition(
         name=STOPPED,
+        headlines=Headlines(arm="Nothing moves, and nothing will until a person has put it right."),
         service=_stopped,
         tiers={
             "advisory": AlertTier(
@@ -75,6 +77,7 @@ SERVICE_CONDITIONS = (
     ),
     AlertCondition(
         name=STALE,
+        headlines=Headlines(arm="What the monitor knows of this arm is out of date."),
         service=_stale,
         tiers={
             "advisory": AlertTier(
@@ -86,6 +89,7 @@ SERVICE_CONDITIONS = (
     ),
     AlertCondition(
         name=UNHEARD,
+        headlines=Headlines(arm="The monitor does not hear the arm."),
         service=_unheard,
         tiers={
             "advisory": AlertTier(
@@ -97,6 +101,7 @@ SERVICE_CONDITIONS = (
     ),
     AlertCondition(  # an alert that 0.2.0 raised goes on until it is cleared; since then the same is `stale`
         name=NOTHING_LEARNT,
+        headlines=Headlines(arm="The monitor has learned nothing about this arm for days."),
         tiers={
             "advisory": AlertTier(
                 CHECK_FUNCTION,

@@ -20,6 +20,7 @@ _PLACE = re.compile(r"\{(\w+)\}")
 _JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b(?: \(joint (\d)\))?")
 _FIGURE = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.]*\d)")
 _DATE = re.compile(r"(?<!\d)(\d{4})-(\d\d)-(\d\d)(?!\d)(?:T(\d\d):(\d\d)(?::\d\d)?(?:\.\d+)?(?:Z|\+00:00)?)?")
+_STATED = re.compile(r"([a-z]+(?:_[a-z0-9]+)*) \((\w+)\)(: .+)?", re.DOTALL)  # a condition, the tier of its alert, the change
 _NAMED = re.compile(r"([a-z]+(?:_[a-z0-9]+)*): (.+)", re.DOTALL)  # a reason with the name of its cause
 _SENTENCES = (re.compile(r"(?<=[.!?]) (?=[A-Z])"), re.compile(r"; "))
 RETOLD = frozenset(  # keys of documents whose value is a sentence for people
@@ -77,6 +78,9 @@ class Language:
                 places = found.groupdict()
                 said = {name: value if name in SPOKEN else self._retell(value) for name, value in places.items()}
                 return self.catalogue[template].format(**said)
+        stated = _STATED.fullmatch(plain)
+        if stated is not None and stated[1] in self.catalogue:
+            return f"{self._retell(stated[1])} ({self._retell(stated[2])}){self._retell(stated[3] or '')}"
         named = _NAMED.fullmatch(plain)
         if named is not None and ("_" in named[1] or named[1] in self.catalogue):
             return f"{self._retell(named[1])}: {self._retell(named[2])}"

@@ -1,7 +1,7 @@
 """Sentences of documents, with a name in each place that differs. The judge and the service make them; a catalogue translates them.
 
-A sentence that is not here stays English on a page in another language. Advice of alert conditions needs no entry: the catalogue takes it
-from `CONDITIONS`.
+A sentence that is not here stays English on a page in another language. Names, headlines and advice of alert conditions need no entry: the
+catalogue takes them from `CONDITIONS`.
 """
 
 N_ = str  # marks a text for the catalogue
@@ -16,21 +16,6 @@ VERDICTS = (
     N_("the last replay does not resolve this joint's friction"),
     N_("the last replay is {change} off: waiting for the next"),
     N_("{temperature} °C is outside the temperatures learnt so far"),
-    N_("wear_rising ({tier}): {change}"),
-    N_("sudden_step ({tier}): {change}"),
-    N_("friction_falling ({tier}): {change}"),
-    N_("temperature_sensor ({tier})"),
-    N_("data_quality ({tier})"),
-    N_("outside_range ({tier})"),
-    N_("common_mode: {text}"),
-    N_("gain_contradiction: {text}"),
-    N_("mounting_contradiction: {text}"),
-    N_("payload_contradiction: {text}"),
-    N_("store_restored: {text}"),
-    N_("nothing_learnt: {text}"),
-    N_("stopped: {text}"),
-    N_("stale: {text}"),
-    N_("unheard: {text}"),
     N_("Base (joint 1): {text}"),
     N_("Shoulder (joint 2): {text}"),
     N_("Elbow (joint 3): {text}"),
@@ -233,12 +218,9 @@ WINDOWS = (
 NAMES = (
     N_("assessed"), N_("skipped"), N_("rejected"), N_("aborted"), N_("started"), N_("recorded"), N_("scheduled"), N_("manual"),
     N_("import"), N_("raised"), N_("updated"), N_("cleared"), N_("acknowledged"), N_("shelved"), N_("advisory"), N_("wear"), N_("limit"),
-    N_("wear_rising"), N_("sudden_step"), N_("friction_falling"), N_("common_mode"), N_("gain_contradiction"),
-    N_("mounting_contradiction"), N_("payload_contradiction"), N_("temperature_sensor"), N_("data_quality"), N_("outside_range"),
-    N_("store_restored"), N_("nothing_learnt"), N_("stopped"), N_("stale"), N_("unheard"), N_("wear tier"), N_("ground"), N_("wall"),
-    N_("ceiling"), N_("store"), N_("disk"), N_("clock"), N_("backup"), N_("router"), N_("Base"), N_("Shoulder"), N_("Elbow"),
-    N_("Wrist 1"), N_("Wrist 2"), N_("Wrist 3"), N_("The arm"), N_("Joint {number}"), N_("joint {number}"), N_("scheduler"), N_("bus"),
-    N_("listener"), N_("maintenance"),
+    N_("wear tier"), N_("ground"), N_("wall"), N_("ceiling"), N_("store"), N_("disk"), N_("clock"), N_("backup"), N_("router"), N_("Base"),
+    N_("Shoulder"), N_("Elbow"), N_("Wrist 1"), N_("Wrist 2"), N_("Wrist 3"), N_("The arm"), N_("Joint {number}"), N_("joint {number}"),
+    N_("scheduler"), N_("bus"), N_("listener"), N_("maintenance"),
 )  # fmt: skip
 # what the report says of its method; `service.history.report` puts it into the document
 LIMITS = (
