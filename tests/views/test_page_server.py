@@ -248,13 +248,13 @@ def test_without_the_token_nothing_is_shown(guarded):
 
 
 def test_five_years_of_history_are_answered_quickly(tmp_path):
-    """With 7300 more replays of six joints all data of the page come within 3 s, 400 replays of them; the benchmark has the figure."""
+    """With 7300 more replays, all data of the page cost less than 3 s of processor time, and some 400 replays are shown."""
     with monitor(tmp_path, days=3, moving=False, before=lambda store: grow(store, 7300)) as (server, _, _):
         ask(server, "/")
-        began = time.monotonic()
+        began = time.process_time()
         for path in ("/", "/api/about", "/api/history", "/api/schedule", "/api/monitor"):
             assert ask(server, path)[0] == 200
-        took = time.monotonic() - began
+        took = time.process_time() - began
         past = json.loads(ask(server, "/api/history")[2])
         assert past["replays"] == 7303
         assert 350 <= past["shown"] <= 450
