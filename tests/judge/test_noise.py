@@ -228,3 +228,13 @@ def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
     state, _ = lived(noise)
     rho = state.filter_state.autocorrelation(J, DRIFT).reshape(arms, J)
     assert np.mean(rho[:, 2] - np.delete(rho, 2, axis=1).mean(axis=1)) < 0.05
+
+
+@pytest.mark.parametrize("unresolved", [0, 2, 5])
+def test_a_joint_that_is_never_resolved_does_not_make_the_others_alike(unresolved):
+    """As above: 10 to 21 joints of 12 arms have an alert where one that tells nothing counts like the others, and 0 to 9 here."""
+    rho = np.tile(np.linspace(0.0, 0.9, J), 12)
+    noise = correlated(np.random.default_rng(6), 365, 12 * J, std=0.02, rho=rho)
+    noise[:, unresolved::J] = np.nan
+    _, alerted = lived(noise)
+    assert alerted.sum() <= 9

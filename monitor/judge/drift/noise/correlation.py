@@ -29,7 +29,8 @@ def own_correlation(seen: Array, centre: Array, shown: Array, replays: Array, jo
     J = joints_per_arm
     away = (_angle(seen) - _angle(centre)).reshape(-1, J)
     chance = CHANCE / replays.reshape(-1, J)
-    nearer = shrunk(away, chance, prior_var=APART_VAR, prior_joints=APART_JOINTS, clear=CLEAR)
+    told = chance.min(axis=1, keepdims=True) / chance  # a joint that is never resolved does not say that the others are alike
+    nearer = shrunk(away, chance, prior_var=APART_VAR, prior_joints=APART_JOINTS, clear=CLEAR, told=told)
     own: Array = np.sin(np.clip(_angle(shown) + nearer.ravel(), -0.5 * np.pi, 0.5 * np.pi))
     return own
 
