@@ -14,6 +14,7 @@ from monitor.assess import AssessSettings
 from monitor.identify.warnings import DataWarning
 from monitor.judge.drift import step
 from monitor.judge.drift.filter_state import RATE, WEAR
+from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.update import filter_update
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
@@ -195,3 +196,50 @@ def test_a_damaged_stage_changes_the_daemons_verdict_and_the_fleets_figures(stag
     monkeypatch.setattr(module, name, lambda *args, **kwargs: damage(whole, *args, **kwargs))
     assert verdict() != before[0]
     assert figures() != before[1]
+
+
+def days_of_two_arms(number: int) -> list[Observation]:
+    """That many replays of two arms in healthy joints; the second arm has not begun in the first one, and nothing of it is known."""
+    rng, seen = np.random.default_rng(4), []
+    for day in range(number):
+        torque = 10.0 * np.exp(0.01 * rng.normal(size=12))
+        torque[6:] *= np.nan if day == 0 else 1.0
+        seen.append(
+            Observation(
+                log_torque=np.log(torque),
+                variance=np.full(12, 0.005**2),
+                temperature_c=30.0 + 0.0 * torque,
+                viscous_share=0.4 + 0.0 * torque,
+                warming_k_per_min=0.0 * torque,
+                coulomb_nm=0.6 * torque,
+                viscous_nm_s_per_rad=torque,
+            )
+        )
+    return seen
+
+
+def test_an_arm_that_is_absent_at_the_beginning_is_learnt_when_it_comes():
+    """Its unknown share of viscous friction in the fleet's first replay leaves no unknown figure behind."""
+    drift, temperature = ASSESS.drift, ASSESS.temperature
+    seen = days_of_two_arms(10)
+    state = step.initial_state(seen[0], 6, drift, temperature)
+    for day, observation in enumerate(seen):
+        here = np.array([True, day > 0])
+        days = np.array([float(day > 0), float(day > 1)])
+        state = step.step(state, step.Replay(observation=observation, days=days, replayed=here), drift, temperature).state
+    joints = state.filter_state
+    assert np.all(np.isfinite(joints.mean))
+    assert np.all(np.isfinite(joints.cov))
+    assert list(joints.replays) == [10.0] * 6 + [9.0] * 6
+
+
+@pytest.mark.parametrize("days", [-1.0, np.nan])
+def test_a_replay_before_the_last_one_is_refused_and_the_arm_is_named(days):
+    """Time that runs backwards would make the filter surer; days of an arm that did not replay say nothing."""
+    drift, temperature = ASSESS.drift, ASSESS.temperature
+    [_, seen] = days_of_two_arms(2)
+    state = step.initial_state(seen, 6, drift, temperature)
+    replay = step.Replay(observation=seen, days=np.array([0.0, days]))
+    with pytest.raises(ValueError, match=r"arm 1 of 2: .*expected 0 or more"):
+        step.step(state, replay, drift, temperature)
+    step.step(state, replace(replay, replayed=np.array([True, False])), drift, temperature)

@@ -22,7 +22,7 @@ from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import alike, present
-from monitor.judge.drift.observation import Observation
+from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
@@ -207,7 +207,7 @@ def initial_filter(
     fall_per_k, fall_std_per_k : by which viscous friction falls, as a fraction. coulomb_std_per_k : of Coulomb friction, whose mean is 0.
     """
     N = len(observation.log_torque)
-    share = observation.viscous_share
+    share = np.where(np.isfinite(observation.viscous_share), observation.viscous_share, VISCOUS_SHARE)  # an arm may begin absent
     slope = fall_per_k * share
     mean = np.zeros((N, STATES))
     mean[:, SLOPE] = slope

@@ -74,7 +74,7 @@ class Replay:
     """One replay of every arm, or of those arms that `replayed` names. None of an optional field means what its comment says."""
 
     observation: Observation  # (N,) each; what it says of an arm that did not replay is ignored
-    days: Array  # (A,) since the arm's last replay; 0 for its first one
+    days: Array  # (A,) since the arm's last replay, ≥ 0; 0 for its first one
     replayed: np.ndarray | None = None  # (A,) which arms replayed; None: all
     slot: Array | None = None  # (A,) slot of the replay's context, 0 … SLOTS − 1; None: that of the last replay
     opened: np.ndarray | None = None  # (A,) whether the slot's level is unknown, as in a context never seen before; None: no arm's
@@ -138,6 +138,8 @@ def initial_state(observation: Observation, joints_per_arm: int, drift: DriftSet
 
 def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
     """One replay of every arm: the state after it.
+
+    Raises ValueError where the days since an arm's last replay are negative or unknown: replays are learned from in the order of time.
 
     Judging your own fleet, here three arms of which joint 2 of arm 2 steps by 20 % on day 40. `weigh_evidence` turns the state
     into tiers, as the daemon does it; 1 is the wear tier.
@@ -227,8 +229,12 @@ def update_by_replay(state: DriftState, joint: JointReplay, observation: Observa
 
 
 def per_joint(state: DriftState, replay: Replay) -> JointReplay:
-    """The replay over joints. An arm that did not replay keeps its slot, and its days and count are as if no time had passed."""
+    """The replay over joints. An arm that did not replay keeps its slot, and its days and count are as if no time had passed.
+
+    Raises ValueError where the days since an arm's last replay are negative or unknown.
+    """
     N, J = state.joints, state.joints_per_arm
+    _check_days(replay)
 
     def of_arms(mask: np.ndarray | None, absent: bool) -> np.ndarray:
         return np.full(N, absent) if mask is None else np.repeat(mask, J)
@@ -246,6 +252,17 @@ def per_joint(state: DriftState, replay: Replay) -> JointReplay:
         undeclared=of_arms(replay.undeclared, False),
         revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
     )
+
+
+def _check_days(replay: Replay) -> None:
+    here = np.ones(len(replay.days), dtype=bool) if replay.replayed is None else replay.replayed
+    wrong = np.flatnonzero(here & ~(replay.days >= 0.0))
+    if len(wrong):
+        first = wrong[0]
+        raise ValueError(
+            f"days since the last replay of arm {first} of {len(here)}: {replay.days[first]}; "
+            "expected 0 or more: replays are learned from in the order of time"
+        )
 
 
 def look_beside(state: DriftState, joint: JointReplay, observation: Observation) -> FilterState:
