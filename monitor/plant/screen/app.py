@@ -170,8 +170,7 @@ class Screen:
                 page, content = self._arms.pop(name)
             else:
                 content = ArmContent(name, self._database, self._ways, self._access.audit, self._named)
-                page = PageApp(content, self._access, f"/arms/{name.site}/{name.robot}")
-                page.closing = self.closing
+                page = PageApp(content, self._access, f"/arms/{name.site}/{name.robot}", self.closing)
             self._arms[name] = page, content
             while len(self._arms) > OPEN_ARMS:
                 self._left.append(self._arms.pop(next(iter(self._arms)))[1])

@@ -58,15 +58,18 @@ Endpoint = Callable[[Request], Awaitable[Response]]
 
 
 class PageApp:
-    """The routes. `starlette` is the application; setting `closing` ends all streams."""
+    """The routes. `starlette` is the application; once `closing` is set, all streams end."""
 
-    def __init__(self, content: PageContent, access: PageAccess, base: str = "") -> None:
-        """`base` : the path below which the routes are mounted, without a slash at its end."""
+    def __init__(self, content: PageContent, access: PageAccess, base: str = "", closing: threading.Event | None = None) -> None:
+        """A page with these routes.
+
+        base : the path below which they are mounted, without a slash at its end. closing : of a server with several pages; None: its own.
+        """
         self._content, self._access, self._base = content, access, base
         self._streams = 0
         # one at a time, and behind everything else: what it makes takes seconds of the processors that may be moving an arm
         self._maker = ThreadPoolExecutor(1, "page-maker", _step_back)
-        self.closing = threading.Event()
+        self.closing = threading.Event() if closing is None else closing
         package = files("monitor.views.web").joinpath("static")
         static = {name: (package.joinpath(name).read_bytes(), kind) for name, kind in STATIC.items()}
         self._pages = Worded(static, content.language, base)
