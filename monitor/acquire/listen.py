@@ -38,7 +38,6 @@ class LiveState:
     """The arm's state as one row reports it."""
 
     t_s: float  # controller's clock
-    received_monotonic_s: float  # host's clock, when the session read the row
     q: Array  # (J,) [rad]
     qd: Array  # (J,) [rad/s]
     current: Array  # (J,) [A]
@@ -59,7 +58,6 @@ def _live_states(rows: list[Array]) -> list[LiveState]:
     return [
         LiveState(
             t_s=float(table["timestamp"][n]),
-            received_monotonic_s=float(table["host_monotonic_s"][n]),
             q=table["actual_q"][n],
             qd=table["actual_qd"][n],
             current=table["actual_current"][n],

@@ -18,21 +18,19 @@ MUTATION = 0.5  # first mutation, as a fraction of the first spread
 GENERATIONS = 100  # over which the mutation decreases to a hundredth; later generations keep that
 
 
-def generations(
-    cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool], population: int = POPULATION
-) -> None:
+def generations(cost: Callable[[Array], float], first: Array, rng: np.random.Generator, over: Callable[[], bool]) -> None:
     """Evaluate one generation after the other until `over`. The caller keeps the best. The first generation contains the given curve."""
     dimension = len(first)
-    people = FIRST_SPREAD * rng.standard_normal((population, dimension))
+    people = FIRST_SPREAD * rng.standard_normal((POPULATION, dimension))
     people[0] = first
     costs = _all(cost, people, over)
-    elite, children = round(ELITE * population), round(CROSSOVER * (population - round(ELITE * population)))
+    elite, children = round(ELITE * POPULATION), round(CROSSOVER * (POPULATION - round(ELITE * POPULATION)))
     generation = 0
     while not over():
         order = np.argsort(costs, kind="stable")
-        fitness = np.empty(population)
-        fitness[order] = 1.0 / np.sqrt(np.arange(1, population + 1))
-        mutants = population - elite - children
+        fitness = np.empty(POPULATION)
+        fitness[order] = 1.0 / np.sqrt(np.arange(1, POPULATION + 1))
+        mutants = POPULATION - elite - children
         parents = _stochastic_universal(fitness, 2 * children + mutants, rng)
         mothers, fathers = people[parents[:children]], people[parents[children : 2 * children]]
         crossed = np.where(rng.random((children, dimension)) < 0.5, mothers, fathers)

@@ -78,14 +78,13 @@ def identify_payload(
     robot: Robot,
     *,
     gains: Array | None = None,
-    settings: IdentifySettings | None = None,
 ) -> Payload:
     """The payload that explains the torque beyond that of the arm alone.
 
     gains : as for `identify`. The rows are weighted with the residuals of the unloaded fit. Raises BadInput where the identification is
     of another robot or no recording was given, Unidentifiable as `identify` does.
     """
-    settings = settings or IdentifySettings()
+    settings = IdentifySettings()
     if robot.name != unloaded.robot:
         raise BadInput(f"payload: the parameters are of {unloaded.robot}, the robot is {robot.name}")
     if not recordings:

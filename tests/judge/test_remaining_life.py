@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from monitor.errors import BadConfiguration
-from monitor.judge.alerts.remaining_life import PrognosisSettings, first_passage, probability_within, remaining_life
+from monitor.judge.alerts.remaining_life import PrognosisSettings, first_passage, remaining_life
 
 SETTINGS = PrognosisSettings()
 WALK = 5e-4
@@ -55,9 +55,6 @@ def test_quantiles_are_those_of_a_simulation():
     soon = PrognosisSettings(service_days=float(np.quantile(days, 0.2)))
     with_service = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=soon)
     assert with_service.before_service_probability == pytest.approx(0.2, abs=0.01)
-    days_asked = float(np.quantile(days, 0.3))
-    within = probability_within(days_asked, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
-    assert within == pytest.approx(0.3, abs=0.01)
 
 
 def test_a_limit_beyond_the_longest_prediction_has_no_date():
@@ -81,7 +78,6 @@ def test_beyond_the_limit_no_days_remain():
     life = remaining_life(mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS)
     assert life.verdict == "reached"
     assert life.p50_days == 0.0
-    assert probability_within(1.0, mean, cov, wear_walk_per_sqrt_day=WALK, settings=SETTINGS) == 1.0
 
 
 def test_settings_out_of_bounds_are_refused():

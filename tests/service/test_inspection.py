@@ -45,7 +45,7 @@ ROBOT = {"model": "ur5", "site": "lab", "id": "cell-1"}
 def state(t_s: float, *, mode: int = 7, safety: int = 1, speed: float = 0.0) -> LiveState:
     zero = np.zeros(6)
     return LiveState(
-        t_s=t_s, received_monotonic_s=t_s, q=zero, qd=np.array([0.0, speed, 0.0, 0.0, 0.0, 0.0]), current=zero, temperature_c=zero,
+        t_s=t_s, q=zero, qd=np.array([0.0, speed, 0.0, 0.0, 0.0, 0.0]), current=zero, temperature_c=zero,
         target_q=zero, target_qd=zero, target_qdd=zero, robot_mode=mode, safety_mode=safety, runtime_state=2,
     )  # fmt: skip
 

@@ -30,12 +30,12 @@ PLACES = {  # what may stand in braces, and what it becomes
 _PLACE = re.compile(r"\{(\w+)\}")
 
 
-def check_template(template: Any, where: str, allowed: Mapping[str, str] = PLACES) -> None:
+def check_template(template: Any, where: str) -> None:
     """Raises BadInput naming a placeholder that does not exist."""
     for text in _texts(template):
         for name in _PLACE.findall(text):
-            if name not in allowed:
-                raise BadInput(f"{where}: {{{name}}} is no placeholder; known are {', '.join(allowed)}")
+            if name not in PLACES:
+                raise BadInput(f"{where}: {{{name}}} is no placeholder; known are {', '.join(PLACES)}")
 
 
 def filled(template: Any, values: Mapping[str, Any]) -> Any:

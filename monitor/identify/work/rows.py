@@ -62,14 +62,14 @@ class WorkRows:
         return WorkRows(recording=chosen, **extra)
 
 
-def rows_of_columns(table: Mapping[str, Array], *, at_unix_s: float | None, context: Context | None = None, source: str = "") -> WorkRows:
+def rows_of_columns(table: Mapping[str, Array], *, at_unix_s: float | None) -> WorkRows:
     """The rows of a table by RTDE's names, (N,) or (N, J) each, as live rows come. Other columns are not read.
 
     at_unix_s : the host's time of the first row. Raises BadInput where time or positions are missing, or a shape does not fit.
     """
     for needed in ("timestamp", "actual_q"):
         if needed not in table:
-            raise BadInput(f"{source or 'rows of work'}: hold no {needed}; expected timestamp and actual_q at least")
+            raise BadInput(f"rows of work: hold no {needed}; expected timestamp and actual_q at least")
     signals: dict[str, Any] = {}
     for name, field_name in JOINT_COLUMNS.items():
         if name in table:
@@ -77,8 +77,7 @@ def rows_of_columns(table: Mapping[str, Array], *, at_unix_s: float | None, cont
     signals |= {name: np.asarray(table[name], dtype=float) for name in SCALARS if name in table}
     recording = Recording(
         t_s=np.asarray(table["timestamp"], dtype=float),
-        context=replace(context or Context(), recorded_at_unix_s=at_unix_s),
-        source=source,
+        context=Context(recorded_at_unix_s=at_unix_s),
         **signals,
     )
     extra = {field_name: np.asarray(table[name], dtype=float) for name, (field_name, _) in EXTRA_COLUMNS.items() if name in table}

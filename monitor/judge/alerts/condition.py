@@ -191,8 +191,3 @@ class AlertCondition:
         rules = [rule.raises for rule in (self.joint, self.arm) if rule is not None] or [("advisory",)]
         if missing := [name for name in TIERS if any(name in raises for raises in rules) and name not in names]:
             raise ValueError(f"alert condition {self.name!r}: raises {', '.join(missing)}, which its tiers {list(names)} do not have")
-
-    @property
-    def raised_by_service(self) -> bool:
-        """Whether the service raises the condition about itself, and clears it once somebody has acknowledged it."""
-        return self.joint is None and self.arm is None

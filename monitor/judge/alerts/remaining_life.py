@@ -163,14 +163,6 @@ def as_rise(mean: Array, cov: Array) -> tuple[Array, Array]:
     return np.array([factor - 1.0, mean[1]]), M @ cov @ M.T
 
 
-def probability_within(days: float, mean: Array, cov: Array, *, wear_walk_per_sqrt_day: float, settings: PrognosisSettings) -> float:
-    """Probability that friction reaches the limit within so many days. Arguments as in `remaining_life`."""
-    mean, cov = as_rise(mean, cov)
-    if mean[0] >= settings.limit_rise:
-        return 1.0
-    return float(_mixture(mean, cov, np.array([days]), wear_walk_per_sqrt_day, settings)[0])
-
-
 def first_passage(days: Array, rise: Array, rate: Array, walk: float) -> Array:
     """Probability that a Wiener process has risen by `rise` within `days`; 1 for a rise of 0 or less. Arguments are broadcast.
 

@@ -7,7 +7,6 @@ that stands too far from the start of its trajectory would be refused at every w
 import time
 from dataclasses import replace
 
-from monitor.acquire.driver import Driver
 from monitor.acquire.ending import ArmAfter
 from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs
@@ -56,13 +55,13 @@ def with_a_person(error: ReplayAborted, left: Left, after: ArmAfter | None, know
     return error.known(f"the arm stands where no motion may begin, and {why}: {refused.name}: {refused.text}")
 
 
-def let_back(configuration: Configuration, store: Store, driver: Driver = UNIVERSAL_ROBOTS) -> str:
+def let_back(configuration: Configuration, store: Store) -> str:
     """Let the next motion bring the arm back along its trajectory: a person says that this way is free. Returns what was found.
 
     Raises BadInput where the arm does not stand on its trajectory, RobotUnreachable where it does not answer.
     """
     settings, excitation = configuration.replay, configuration.excitation
-    state = driver.state(settings.host, settings.rate_hz, LOOK_S)
+    state = UNIVERSAL_ROBOTS.state(settings.host, settings.rate_hz, LOOK_S)
     if state is None:
         raise RobotUnreachable(f"{settings.host}: no RTDE data: whether the arm stands on its trajectory is not known")
     before = left_in(store)

@@ -56,7 +56,6 @@ class Campaign:
     bases: dict[str, Base]  # ground, ceiling, wall
     trajectories: dict[str, Excitation]  # ground, ceiling, validation
     identified: Identification  # cold, ground, LS as in the paper
-    weighted: Array  # (B,) by the paper's W
     truth: Array  # (B,) rigid base parameters of the simulated arm; NaN for friction
     ls_s: float
     wls_s: float
@@ -126,7 +125,6 @@ def campaign(name: str, settings: CampaignSettings, show: Show) -> Campaign:
         bases=bases,
         trajectories=trajectories,
         identified=found[0],
-        weighted=weighted,
         truth=true_parameters(robot, bases["ground"], arm),
         ls_s=ls_s,
         wls_s=wls_s,

@@ -90,18 +90,17 @@ def play(
     *,
     watch: Watcher | None = None,
     learning: int = LEARNING_DAYS,
-    count_use: bool = True,
 ) -> Played:
     """A fleet's life, judged day by day.
 
-    wear : of the fleet; None: nothing wears. learning : days that are left out of the figures. count_use : whether revolutions are counted.
+    wear : of the fleet; None: nothing wears. learning : days that are left out of the figures.
     """
     fleet = Fleet(settings, wear)
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
     alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day, _, now, result, evidence, _ in judged_days(fleet, settings.days, assess, count_use=count_use):
+    for day, _, now, result, evidence, _ in judged_days(fleet, settings.days, assess):
         state = result.state
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
@@ -127,7 +126,7 @@ def play(
 
 
 def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_use: bool = True) -> Iterator[JudgedDay]:
-    """A fleet's days, judged by the daemon's own functions in turn."""
+    """A fleet's days, judged by the daemon's own functions in turn. count_use : whether revolutions are counted."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
     counts, last, weighed = nothing_counted(A * J, A), np.zeros(A), _Weighed(A)

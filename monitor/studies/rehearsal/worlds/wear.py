@@ -8,6 +8,8 @@ import numpy as np
 from monitor.recording import Array
 from monitor.studies.rehearsal.worlds.change import Factors
 
+DOUBLINGS = 4.0  # of the rate of a rise that grows ever faster, in one life
+
 Path = Callable[[Array], Array]
 """Time since the onset, ≥ 0, in years or in lives, to the rise of friction as a fraction; at the onset itself it may jump."""
 
@@ -22,9 +24,9 @@ def straight(rate: float) -> Path:
     return lambda time: rate * time
 
 
-def exponential(limit: float, doublings: float = 4.0) -> Path:
-    """A rise that grows ever faster, in lives: it reaches `limit` after one life, and its rate doubles so many times until then."""
-    k = doublings * np.log(2.0)
+def exponential(limit: float) -> Path:
+    """A rise that grows ever faster, in lives: it reaches `limit` after one life, and its rate doubles four times until then."""
+    k = DOUBLINGS * np.log(2.0)
     return lambda time: limit * np.expm1(k * np.minimum(time, 1.5)) / np.expm1(k)
 
 
