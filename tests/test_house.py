@@ -166,6 +166,38 @@ def test_no_test_imports_a_conftest():
     assert [path for path in (ROOT / "tests").rglob("test_*.py") if imported.search(path.read_text("utf-8"))] == []
 
 
+def private_names_used(text):
+    """Private names of the program that this text imports, or that it takes from a module of the program."""
+
+    def private(name):
+        return name.startswith("_") and not name.startswith("__")
+
+    tree, modules, used = ast.parse(text), set(), []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "monitor":
+            used += [f"{node.module}.{each.name}" for each in node.names if private(each.name)]
+            folder = ROOT.joinpath(*node.module.split("."))
+            modules |= {each.asname or each.name for each in node.names if (folder / f"{each.name}.py").is_file()}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in modules:
+            used += [f"{node.value.id}.{node.attr}"] * private(node.attr)
+    return used
+
+
+@pytest.mark.parametrize(
+    "text", ["from monitor.assess import _assess", "def f():\n    from monitor.acquire.ur import stream\n    stream._wait()"]
+)
+def test_the_check_of_private_names_finds_them(text):
+    """Imported, or taken from their module."""
+    assert len(private_names_used(text)) == 1
+
+
+def test_no_test_imports_a_private_name_of_the_program():
+    """What a test needs is worth a public name: otherwise the test holds how it is done instead of what it does."""
+    used = {str(path.relative_to(ROOT)): private_names_used(path.read_text("utf-8")) for path in (ROOT / "tests").rglob("*.py")}
+    assert {path: names for path, names in used.items() if names} == {}
+
+
 def test_no_two_tests_listen_at_one_address_at_a_time(request):
     """A module that names loopback addresses of its own runs on one worker; an address of two modules has both in one chain."""
     suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))

@@ -24,7 +24,7 @@ from monitor.errors import BadInput
 from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array, Indices
 
-SLACK_M = 0.003
+SLACK_M = 0.003  # so that the capsules hold every point of the meshes that were measured
 FATTER = 1.1  # a capsule's radius over its cylinder's: a larger one needs more room at the side, a smaller one beyond the ends
 
 

@@ -135,7 +135,7 @@ class Gateway:
     ) -> None:
         """`make` : instead of the configured channels. Raises BadConfiguration, BadInput."""
         self._stack = ExitStack()
-        self._configuration, self._now = configuration, now
+        self.configuration, self._now = configuration, now
         self._owes = configuration.owes if make is None else True
         self.database = Database(configuration.plant.database, patience_s=PATIENCE_S)
         self._stack.callback(self.database.close)
@@ -273,7 +273,7 @@ class Gateway:
 
     def _active_already(self, arms: Mapping[ArmName, ArmState], now_unix_s: float) -> list[Transition]:
         """Of the arms that have said something since the last look, the alerts that were active before there was a gateway."""
-        if not self._configuration.gateway.already_active:
+        if not self.configuration.gateway.already_active:
             return []
         new = [arm for name, arm in arms.items() if self._looked.get(name) is not arm]
         return already_active(new, self._already, self._not_before_unix_s, now_unix_s)
@@ -290,12 +290,12 @@ class Gateway:
                     "trouble": each.trouble,
                     "trouble_since_unix_s": each.trouble_since_unix_s,
                     "next_try_unix_s": each.next_try_unix_s,
-                    "status": self._configuration.scrub(each.channel.status()),
+                    "status": self.configuration.scrub(each.channel.status()),
                 }
                 for each in self.workers
             },
         }
-        set_note(self.database, RUNNING if self._owes else f"{RUNNING} {self._configuration.path}", self._now(), document)
+        set_note(self.database, RUNNING if self._owes else f"{RUNNING} {self.configuration.path}", self._now(), document)
         if time.monotonic() - self._pruned_at >= DAY_S:
             self.outbox.prune()
             self._pruned_at = time.monotonic()

@@ -40,7 +40,7 @@ WEIGHT_RATIO = (0.3, 4.0)  # of the manufacturer's arm; a payload near the limit
 HEAVY = 0.08  # of the joint's largest torque: on a lighter joint a tool may weigh ten times as much as the arm outward of it
 ALIKE = 0.9  # cosine at which the torques of the fitted arm and of the manufacturer's are the same but for their size
 EXPLAINED = 0.5  # of the residual's square: another joint's motion explains it
-REFERENCE_RAD_S = 0.4
+REFERENCE_RAD_S = 0.4  # at which friction is compared: every joint in motion reaches it
 # turns of a motor, by those of another joint
 COUPLINGS = tuple(sign * quarter / 4.0 for quarter in range(1, 9) for sign in (1.0, -1.0))
 

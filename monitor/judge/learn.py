@@ -53,7 +53,7 @@ class LearnResult(NamedTuple):
     works: tuple[Work, ...] = ()  # on joints: those that this replay's context declares first, and those that this replay judges
 
 
-class _Change(NamedTuple):
+class ContextChange(NamedTuple):
     """A change of the declared context."""
 
     belief: Belief  # with the new context in force
@@ -118,10 +118,10 @@ def learn(
     """
     observation = observe(identification, settings)
     limits, fit = health or HealthSettings(), rigid_fit(identification)
-    change = _enter_context(belief, with_lasting_declarations(belief.context, context), at_unix_s, fit, limits)
+    change = enter_declared_context(belief, with_lasting_declarations(belief.context, context), at_unix_s, fit, limits)
     undeclared = another_gravity(identification)
     if undeclared.condition is None:
-        change, undeclared = _enter_level(change, fit, at_unix_s, limits)
+        change, undeclared = enter_undeclared_level(change, fit, at_unix_s, limits)
     moved = change.belief
     replay = Replay(
         observation=observation,
@@ -160,26 +160,28 @@ def _judge_works(belief: Belief, limits: HealthSettings, settings: DriftSettings
     return with_outcomes(replace(belief, works=works), settled, settings), settled
 
 
-def _enter_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, limits: HealthSettings) -> _Change:
+def enter_declared_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, limits: HealthSettings) -> ContextChange:
     """The belief with the replay's context in force, and with the work on joints that the context declares first."""
     changed = differences(belief.context, context)
     if not changed:
-        return _Change(belief, changed, False, ())
+        return ContextChange(belief, changed, False, ())
     declared = _declared_works(belief, context, at_unix_s)
     belief, works = begin_works(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
     if not differences(belief.context, context):
-        return _Change(belief, changed, False, works)
+        return ContextChange(belief, changed, False, works)
     sigma, mass_kg = limits.contradiction_sigma, limits.contradiction_kg
     weights, level = belief.arm_weights, belief.arm_weights.level
     if level is not None and may_be_level(belief.contexts, context) and declares_level(weights, fit, sigma=sigma, mass_kg=mass_kg):
         belief = replace(belief, contexts=declare_level(belief.contexts, context))
-        return _Change(belief.with_arm_weights(Weights(level.estimate)), changed, False, works)
+        return ContextChange(belief.with_arm_weights(Weights(level.estimate)), changed, False, works)
     contexts, opened = enter(belief.contexts, context, at_unix_s)
     weights = weights if _another_motion_only(belief.context, context) else Weights()
-    return _Change(replace(belief, contexts=contexts).with_arm_weights(weights), changed, opened, works)
+    return ContextChange(replace(belief, contexts=contexts).with_arm_weights(weights), changed, opened, works)
 
 
-def _enter_level(change: _Change, fit: RigidFit, at_unix_s: float, limits: HealthSettings) -> tuple[_Change, UndeclaredChange]:
+def enter_undeclared_level(
+    change: ContextChange, fit: RigidFit, at_unix_s: float, limits: HealthSettings
+) -> tuple[ContextChange, UndeclaredChange]:
     """The belief with the weights of one more replay, and with that level in force to which they belong; what they contradict."""
     belief, sigma, mass_kg = change.belief, limits.contradiction_sigma, limits.contradiction_kg
     weights, undeclared = weigh(belief.arm_weights, fit, at_unix_s, sigma=sigma, mass_kg=mass_kg, declared_kg=belief.context.payload_kg)
@@ -257,7 +259,7 @@ def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
     )
 
 
-def _warnings(belief: Belief, result: StepResult, change: _Change, undeclared: UndeclaredChange) -> list[DataWarning]:
+def _warnings(belief: Belief, result: StepResult, change: ContextChange, undeclared: UndeclaredChange) -> list[DataWarning]:
     """The warnings of a replay, in the order of the step's stages."""
     warnings = []
     if result.stuck.any():
@@ -274,7 +276,7 @@ def _warnings(belief: Belief, result: StepResult, change: _Change, undeclared: U
     return warnings
 
 
-def _change_text(change: _Change) -> str:
+def _change_text(change: ContextChange) -> str:
     """What changed in the context, and what becomes of the baseline."""
     then = "its baseline is known from before"
     if change.opened:

@@ -195,7 +195,7 @@ def test_an_arm_that_was_taken_is_told_before_anything_else_may_fail():
 
     arm, told = lent_arm(SimpleNamespace(taken=True, take=lambda number: None), next_row)
     with pytest.raises(StreamFailure, match="no new data"):
-        borrow._not_taken(arm, 7)
+        borrow.take_offered(arm, 7)
     assert arm.program_sent
     assert told == ["asking", "taken"]
 
@@ -208,7 +208,7 @@ def test_a_connection_that_ends_while_the_arm_is_asked_for_leaves_the_parent_to_
 
     arm, told = lent_arm(SimpleNamespace(taken=False, offered=7, take=lambda number: None), next_row)
     with pytest.raises(StreamFailure):
-        borrow._not_taken(arm, 7)
+        borrow.take_offered(arm, 7)
     assert arm.program_sent
     assert told == ["asking"]
 
@@ -217,10 +217,10 @@ def test_a_node_that_neither_lends_nor_goes_on_is_passed_by_with_its_reason(monk
     """As where the program is paused there, or was stopped while it offered its arm. It was told as a robot that cannot be reached."""
     monkeypatch.setattr(borrow, "ANSWER_S", 0.02)
     words: list[str] = []
-    node = SimpleNamespace(taken=False, offered=7, take=lambda number: words.append("take"), let_go=lambda: words.append("let go"))
+    node = SimpleNamespace(taken=False, offered=7, take=lambda number: words.append("take"), release=lambda: words.append("release"))
     arm, told = lent_arm(node)
-    assert "is it paused there?" in borrow._not_taken(arm, 7)
-    assert words == ["take", "let go"]  # a program that plays on later lends no arm to nobody
+    assert "is it paused there?" in borrow.take_offered(arm, 7)
+    assert words == ["take", "release"]  # a program that plays on later lends no arm to nobody
     assert not arm.program_sent
     assert told == ["asking", "not_taken"]
 
@@ -275,8 +275,8 @@ def test_an_arm_that_was_lent_is_given_back_where_the_parent_says_nothing():
     waits = SimpleNamespace(node=object(), may_go=False, asked_to_stop=None, unheard_s=now + 0.1, seen_at=0.0)
     waits.outbox = SimpleNamespace(message=lambda kind, **values: None)
     with pytest.raises(Stopped, match="late"):
-        stream._wait_for_go(waits, [])
-    assert borrow._why_not(waits, np.zeros(1), None) == borrow.ABSENT
+        stream.wait_for_go(waits, [])
+    assert borrow.why_not_taken(waits, np.zeros(1), None) == borrow.ABSENT
 
 
 @pytest.mark.parametrize(
@@ -288,5 +288,5 @@ def test_a_stop_while_the_arm_is_given_back_is_named_by_its_kind(safety_mode, bi
     arm, _ = lent_arm(SimpleNamespace(taken=True), lambda: shown)
     arm.seen_at, arm.settings = 0.0, ReplaySettings(host="127.0.0.1")
     with pytest.raises(StreamFailure, match="did not take its arm back") as found:
-        borrow._wait_until_taken_back(arm, arm.node)
+        borrow.wait_until_taken_back(arm, arm.node)
     assert found.value.cause == cause

@@ -10,7 +10,7 @@ from simulated_arm import simulated_arm
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
-from monitor.cli.setup.init import _free_ports
+from monitor.cli.setup.init import free_ports
 from monitor.config.load import load
 from monitor.errors import BadInput
 from monitor.identify.gains_from_torque import gains_from_torque
@@ -163,7 +163,7 @@ def test_a_neighbour_that_may_not_be_read_is_named_and_a_folder_that_may_not_be_
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "read_text", refused)
-        assert _free_ports(tmp_path / "a.toml") == (7447, 8420)
+        assert free_ports(tmp_path / "a.toml") == (7447, 8420)
     monkeypatch.setattr("monitor.cli.setup.init.os.access", lambda path, mode: False)
     told = CliRunner().invoke(app, ["init", str(tmp_path / "a.toml"), *ON_PAPER])
     assert isinstance(told.exception, BadInput)

@@ -294,14 +294,14 @@ def test_tls_and_password_are_used_and_the_check_says_how_far_it_gets(plant, tmp
         text = head + f"[[notify.to]]\n{to('ada')}"
         plant.arm("hall/cell-1")
         with plant.gateway(text, {"smtp": PASSWORD}) as running:
-            assert PASSWORD not in repr(running._configuration)
+            assert PASSWORD not in repr(running.configuration)
             plant.lives(running)
             plant.now += 60.0
             plant.happens("hall/cell-1")
             plant.lives(running)
             assert len(server.taken) == 1
             server.refused = {"ada@plant.example"}
-            steps = {each.step: (each.ok, each.text) for each in check_all(running._configuration)}
+            steps = {each.step: (each.ok, each.text) for each in check_all(running.configuration)}
         assert {step: ok for step, (ok, _) in steps.items()} == {
             **{"name": True, "tcp": True, "tls": True, "authentication": True, "authorisation": False}
         }
@@ -310,7 +310,7 @@ def test_tls_and_password_are_used_and_the_check_says_how_far_it_gets(plant, tmp
             plant.now += 60.0
             plant.happens("hall/cell-1", joint=1)
             plant.lives(running)
-            found = check_all(running._configuration)
+            found = check_all(running.configuration)
             assert (found[-1].step, found[-1].ok) == ("authentication", False)
             assert "user or password are refused: 535" in running.status()
             assert running.workers[0].next_try_unix_s - plant.now > 1700.0
@@ -319,11 +319,11 @@ def test_tls_and_password_are_used_and_the_check_says_how_far_it_gets(plant, tmp
             assert server.logins == tried  # an account that is tried again and again is locked
             assert PASSWORD[::-1] not in running.status() + str(found)
         with plant.gateway(text.replace(str(server.ca_file), ""), {"smtp": PASSWORD}) as running:
-            found = check_all(running._configuration)
+            found = check_all(running.configuration)
             assert (found[-1].step, found[-1].ok) == ("tls", False)
             assert "give the authority's certificate as ca_file" in found[-1].text
     with plant.gateway(text, {"smtp": PASSWORD}) as running:
-        found = check_all(running._configuration)
+        found = check_all(running.configuration)
     assert (found[-1].step, found[-1].ok) == ("tcp", False)
     assert Outbox(plant.database, plant.clock).owed("mail")[0].attempts == 0
 
@@ -341,7 +341,7 @@ def test_a_server_that_takes_no_password_and_one_without_tls_are_told_apart(plan
         (without_tls, {"tls": False}, "STARTTLS"),
     ):
         with plant.gateway(text) as running:
-            found = check_all(running._configuration)
+            found = check_all(running.configuration)
         assert {each.step: each.ok for each in found} == {"name": True, "tcp": True, **steps}
         assert why in found[-1].text
 

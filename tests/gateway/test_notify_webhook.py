@@ -94,7 +94,7 @@ def test_one_webhook_that_is_away_holds_up_no_other_one_and_the_rest_is_one_mess
             ill.asked.clear()
             plant.lives(running, 3600.0)
             assert [len(json.loads(body)["transitions"]) for *_, body in ill.asked] == [1, 3]
-            assert {finding.step for finding in check_all(running._configuration)} == {"name", "tcp", "authorisation"}
+            assert {finding.step for finding in check_all(running.configuration)} == {"name", "tcp", "authorisation"}
 
 
 def test_a_message_that_the_other_side_never_takes_holds_up_no_later_one_for_longer_than_an_hour(plant):
@@ -135,11 +135,11 @@ def test_apprise_takes_a_message_and_its_refusal_is_told_without_the_address_s_s
             plant.lives(running)
             owed = Outbox(plant.database, plant.clock).owed("apprise")
             assert "chat: not taken" in owed[0].error
-            assert "t0p-secret" not in str(owed) + repr(running._configuration)
+            assert "t0p-secret" not in str(owed) + repr(running.configuration)
             status[0] = 200
             plant.lives(running, 600.0)
             assert Outbox(plant.database, plant.clock).owed("apprise") == []
-            assert [finding.ok for finding in check_all(running._configuration)] == [True]
+            assert [finding.ok for finding in check_all(running.configuration)] == [True]
         said = json.loads(server.asked[-1][3])
         assert said["title"] == "[wear] hall/cell-1: Elbow turns 9 % heavier than at the beginning."
         with (

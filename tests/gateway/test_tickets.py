@@ -163,23 +163,23 @@ def test_a_refusal_is_told_without_the_token_and_the_check_says_what_is_wrong(pl
     with Maintenance() as server:
         text = tickets(server, f'check_url = "{server.url}/api/orders?reference=none"\n')
         with plant.gateway(text, CREDENTIALS) as running:
-            assert [(each.step, each.ok) for each in check_all(running._configuration)] == [
+            assert [(each.step, each.ok) for each in check_all(running.configuration)] == [
                 *(("name", True), ("tcp", True), ("tls", True), ("authorisation", True))
             ]
-            listens = running._configuration.sections["tickets"]
+            listens = running.configuration.sections["tickets"]
             there = replace(listens, listen=server.url.removeprefix("http://"), webhook_secret="s" * 8, role="acknowledge")
             elsewhere = replace(there, listen="192.0.2.1:8410")
-            said = [check(each, running._configuration.plant)[-1] for each in (there, elsewhere)]
+            said = [check(each, running.configuration.plant)[-1] for each in (there, elsewhere)]
             assert [(each.step, each.ok) for each in said] == [("address", True), ("address", False)]
             assert "is it an address of this host?" in said[1].text
         with plant.gateway(text, {**CREDENTIALS, "cmms": TOKEN[::-1]}) as running:
-            found = check_all(running._configuration)[-1]
+            found = check_all(running.configuration)[-1]
             assert (found.step, found.ok) == ("authentication", False)
             plant.lives(running)
             plant.now += 60.0
             plant.happens("hall/cell-1")
             plant.lives(running)
-            said = "\n".join(as_lines(gateway_status(plant.database, plant.now))) + running.status() + repr(running._configuration)
+            said = "\n".join(as_lines(gateway_status(plant.database, plant.now))) + running.status() + repr(running.configuration)
             assert "answers 401 Unauthorized" in said
             assert TOKEN[::-1] not in said + found.text
         assert server.tickets == {}

@@ -28,7 +28,7 @@ from monitor.judge.drift.undeclared_change import (
     update_mass_estimate,
 )
 from monitor.judge.drift.undeclared_level import Weights, weigh
-from monitor.judge.learn import _enter_context, _enter_level
+from monitor.judge.learn import enter_declared_context, enter_undeclared_level
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
@@ -275,11 +275,11 @@ def test_a_declared_motion_that_was_never_learnt_begins_when_the_payload_is_take
     belief, limits = with_level.last.belief, HealthSettings()
     fit, at = rigid_fit(carrying(Arm(seed=3).replay(30.0), 0.5)), with_level.last.recorded_at_unix_s
     there = replace(belief.context, trajectory_digest="motion-1")
-    change, found = _enter_level(_enter_context(belief, there, at, fit, limits), fit, at, limits)
+    change, found = enter_undeclared_level(enter_declared_context(belief, there, at, fit, limits), fit, at, limits)
     assert (found.own_level, change.opened) == (True, True)
     assert sorted(o.slot for o in change.belief.contexts if o.slot is not None) == [0, 1, 2]  # two motions with it, one without
     bare = rigid_fit(carrying(Arm(seed=4).replay(30.0), 0.0))
-    change, found = _enter_level(_enter_context(change.belief, there, at, bare, limits), bare, at, limits)
+    change, found = enter_undeclared_level(enter_declared_context(change.belief, there, at, bare, limits), bare, at, limits)
     assert (found.condition, change.opened) == (None, True)
 
 

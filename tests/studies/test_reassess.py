@@ -341,7 +341,7 @@ def test_a_cluster_that_does_not_fit_is_refused_in_a_sentence(lived: Path, sched
         patch.setattr("monitor.studies.reassess.cluster.program", lambda _: {"joint_monitor": "0.1.0"})
         assert "runs another program: joint_monitor: 0.2.0, now 0.1.0 here" in refused(scheduler)
     with monkeypatch.context() as patch:
-        patch.setattr("monitor.studies.reassess.cluster._found", lambda *_: False)
+        patch.setattr("monitor.studies.reassess.cluster.probe_found", lambda *_: False)
         assert "does not reach --results" in refused(scheduler)
     with monkeypatch.context() as patch:
         patch.setattr("importlib.util.find_spec", lambda _: None)

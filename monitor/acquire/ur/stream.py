@@ -83,7 +83,7 @@ def _prove(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
     for row in rows:
         guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
     arm.guard_torque(_band(task, rows[-1]))
-    last = _wait_for_go(arm, rows)
+    last = wait_for_go(arm, rows)
     guard.check_state(replace(known, state=arm_state(last)))
     arm.approach_proved(last[COLUMN["target_q"]])
     guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
@@ -113,7 +113,7 @@ def _band(task: ReplayTask, row: Array) -> TorqueBand:
     )
 
 
-def _wait_for_go(arm: Arm, rows: list[Array]) -> Array:
+def wait_for_go(arm: Arm, rows: list[Array]) -> Array:
     """Report the state to the parent until it says `go`; the last row (WIDTH,).
 
     Raises Stopped where it says `stop`, and where it says nothing while a program waits for its arm.

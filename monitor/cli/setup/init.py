@@ -208,7 +208,7 @@ def _answers(given: Options, ask: Questions, path: Path, about: dict[str, Any], 
         ask.say(ALLOW_MOTION)
     may_move = ask.confirm("--allow-motion", given.allow_motion, "allow_motion", default=False)
     excitation, designed = _trajectory(given.excitation, path, about["model"], about["mounting"], cell)
-    bus_port, page_port = _free_ports(path)
+    bus_port, page_port = free_ports(path)
     with_page = ask.confirm("--page", given.page, f"A status page at http://127.0.0.1:{page_port}/", default=True)
     return Answers(
         **about,
@@ -344,7 +344,7 @@ def _store(path: Path, arm_id: str) -> str:
     return str(HISTORIES / arm_id) if path.resolve().parent == FOR_ALL else f"var/{arm_id}"
 
 
-def _free_ports(path: Path) -> tuple[int, int]:
+def free_ports(path: Path) -> tuple[int, int]:
     """A port for the bus and one for the page that no other configuration of this folder names."""
     others = [each for each in path.resolve().parent.glob("*.toml") if each.is_file() and each.name != path.name]
     taken = ""

@@ -38,13 +38,13 @@ def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Ch
     B, own = len(prior), problem.layout.of_law(richest)[:, 2:]  # (J, E)
     order = np.concatenate([np.arange(B), own.T.ravel(), [-1]])
     folds = [_fold([_stretch(rec, k) for rec in rows], weights, order) for k in range(FOLDS)]
-    others = _others([fold.R for fold in folds])
+    others = factors_of_others([fold.R for fold in folds])
     errors = {}
     for law in laws:
         terms = [richest.extra_terms.index(term) for term in law.extra_terms]
         columns = np.concatenate([np.arange(B), *(B + len(own) * k + np.arange(len(own)) for k in terms), [-1]]).astype(np.intp)
         expected = np.append(prior, np.zeros(len(columns) - 1 - B))
-        errors[law.name] = _left_out(folds, others, columns, expected)
+        errors[law.name] = errors_left_out(folds, others, columns, expected)
     best = PAPER
     for law in laws[1:]:
         gain = errors[best.name] - errors[law.name]  # (F,) mean squares
@@ -71,7 +71,7 @@ def _fold(rows: Sequence[Rows], weights: Array, order: Indices) -> Factor:
     )
 
 
-def _others(folds: Sequence[Array]) -> list[Array]:
+def factors_of_others(folds: Sequence[Array]) -> list[Array]:
     """Of each stretch the factor of all other stretches."""
     before = [folds[0][:0]]  # factor of all stretches before this one
     for R in folds[:-1]:
@@ -83,7 +83,7 @@ def _others(folds: Sequence[Array]) -> list[Array]:
     return others[::-1]
 
 
-def _left_out(folds: Sequence[Factor], others: Sequence[Array], columns: Indices, expected: Array) -> Array:
+def errors_left_out(folds: Sequence[Factor], others: Sequence[Array], columns: Indices, expected: Array) -> Array:
     """(F,) mean square residual of each stretch after the fit of these columns to all other stretches; rows are weighted."""
     K = len(expected)
     first = np.array_equal(columns[:-1], np.arange(K))

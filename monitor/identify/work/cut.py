@@ -22,8 +22,8 @@ from monitor.recording import Array, Indices, Mask, Recording
 STILL_RAD_S = 0.01  # the arm stands where no joint is faster
 SHORTEST_S, LONGEST_S = 0.3, 5.0  # of a segment: below it nothing is told, above it is cut, so that a load is asked for anew
 CHANGE_S = 0.4  # before and after a change of payload or tool the hand is gripping
-FEWEST_ROWS = 12
-LEAST_RATE_HZ = 7.9
+FEWEST_ROWS = 12  # with fewer, friction and the four figures of a load explain whatever was measured
+LEAST_RATE_HZ = 7.9  # a log at 8 Hz is still taken, although its clock is uneven
 # below it rows are taken as they are, with the planned acceleration: differences of speeds and the filter would round what happens
 WELL_SAMPLED_HZ = 50.0
 WORKING, REDUCED, PROTECTIVE = 1, 2, 3  # safety modes

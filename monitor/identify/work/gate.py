@@ -32,7 +32,7 @@ CONTACT_SHARE = 0.04  # of friction: the least deviation, since friction itself 
 MAD = 1.4826  # median absolute deviation → standard deviation of normal noise
 FAR_M = 0.3  # from the flange: a load that is left out pulls as much at least
 MOST_UNKNOWN = 0.6  # share of a window's motion with an unknown load, beyond which none of it counts
-ROUNDS = 3
+ROUNDS = 3  # of finding contact by what the fit leaves, and fitting again without it
 HELPED = -0.7  # change of friction, as a fraction of it, that no joint has: a hand pushes
 SEVERAL = 2  # joints, at least, that move in such a segment
 # friction is the arm's: it is not now as it was known, in so much of a window's motion, and now by so much more or less

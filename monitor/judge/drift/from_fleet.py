@@ -48,7 +48,7 @@ def temperature_from_fleet(state: FilterState, prior: FleetPrior, which: np.ndar
     return replace(state, mean=mean, cov=cov)
 
 
-def let_go(state: FilterState, prior: FleetPrior, family_std_per_k: float) -> FilterState:
+def widen_where_prior_fails(state: FilterState, prior: FleetPrior, family_std_per_k: float) -> FilterState:
     """The state with the family's doubt of the slope, where the replays of a young joint contradict the fleet's.
 
     family_std_per_k : standard deviation of the slope [1/K] among all arms of the family.

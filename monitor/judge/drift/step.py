@@ -24,7 +24,7 @@ from monitor.judge.drift.filter_state import (
     unknown_joint,
     update_interval,
 )
-from monitor.judge.drift.from_fleet import begin_from_fleet, let_go, temperature_from_fleet
+from monitor.judge.drift.from_fleet import begin_from_fleet, temperature_from_fleet, widen_where_prior_fails
 from monitor.judge.drift.from_work import (
     arbitrate,
     begin_work,
@@ -190,7 +190,7 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
     state = remember_baseline(state, observation, drift)
     updated = update_by_replay(state, joint, observation, drift)
     if drift.prior is not None:
-        updated = let_go(updated, drift.prior, _family_std_per_k(temperature))
+        updated = widen_where_prior_fails(updated, drift.prior, _family_std_per_k(temperature))
     state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.worked))
     state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))

@@ -152,7 +152,7 @@ def _reached(client: "Client", scheduler: str, place: str) -> None:
     token = secrets.token_hex(16)
     results = Results(place)
     results.write(PROBE, token, token.encode())
-    for address, found in client.run(_found, place, token, on_error="return").items():
+    for address, found in client.run(probe_found, place, token, on_error="return").items():
         if found is not True:
             why = f" ({found})" if isinstance(found, BaseException) else ""
             raise BadInput(
@@ -161,7 +161,8 @@ def _reached(client: "Client", scheduler: str, place: str) -> None:
             )
 
 
-def _found(place: str, token: str) -> bool:
+def probe_found(place: str, token: str) -> bool:
+    """Whether this process reads at a place of results what another one has put there. The workers call it."""
     return Results(place).read(PROBE, token) is not None
 
 

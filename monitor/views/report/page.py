@@ -35,7 +35,7 @@ CONTEXT_WORDS = {
 def report_page(reports: Sequence[Mapping[str, Any]], say: Language = ENGLISH, left_out: Sequence[Mapping[str, str]] = ()) -> str:
     """The HTML page. Each robot begins on a new sheet.
 
-    reports : documents of `service.report`. left_out : robots of which there is nothing to report, by site, id and why.
+    reports : documents of `service.history.report`. left_out : robots of which there is nothing to report, by site, id and why.
     """
     parts: list[str] = []
     for number, one in enumerate(reports):

@@ -47,7 +47,7 @@ def print_alerts(alerts: list[dict[str, Any]], zone: tzinfo = UTC) -> None:
 def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     """Print what `status` knows: health, friction of every joint, active alerts, the monitor's own state, the last windows.
 
-    document : of `service.status.status_document`. zone : in which times are shown.
+    document : of `service.history.status.status_document`. zone : in which times are shown.
     """
     published, document = document, local_times(document, zone)
     console = standard_output(120, highlight=True)

@@ -59,8 +59,8 @@ def take(arm: Arm, known: ConditionInputs) -> None:
             arm.outbox.message("passed_by", text=why)
             number = None
         if offered is not None and offered != deaf:
-            number, why = offered, _why_not(arm, row, known)
-            if not why and not (why := _not_taken(arm, offered)):
+            number, why = offered, why_not_taken(arm, row, known)
+            if not why and not (why := take_offered(arm, offered)):
                 return
             deaf = offered if why == DEAF else None
         if time.monotonic() > until:
@@ -83,7 +83,7 @@ def _row_in_time(arm: Arm) -> Array:
             arm.control.report()
 
 
-def _why_not(arm: Arm, row: Array, known: ConditionInputs) -> str:
+def why_not_taken(arm: Arm, row: Array, known: ConditionInputs) -> str:
     """Why the arm is not taken in this state; empty where every condition holds."""
     if arm.unheard_s > ABSENT_S:
         return ABSENT
@@ -94,7 +94,7 @@ def _why_not(arm: Arm, row: Array, known: ConditionInputs) -> str:
     return ""
 
 
-def _not_taken(arm: Arm, number: int) -> str:
+def take_offered(arm: Arm, number: int) -> str:
     """Ask for the arm that is offered under this number: why it was not taken; empty once it is ours.
 
     Until the node has answered nobody knows whether its program would end with this process: the parent is told so before. Raises
@@ -107,7 +107,7 @@ def _not_taken(arm: Arm, number: int) -> str:
     while not node.taken:
         gone_on = node.offered != number and time.monotonic() - begin_s > ANSWER_S / 10 and not node.taken
         if gone_on or time.monotonic() - begin_s > ANSWER_S:
-            node.let_go()
+            node.release()
             arm.program_sent = False
             arm.outbox.message("not_taken")
             return GONE_ON if gone_on else DEAF
@@ -146,7 +146,7 @@ def at_full_speed(arm: Arm) -> None:
 def leave_alone(arm: Arm) -> None:
     """No replay is due any longer: the node costs the program nothing."""
     node_of(arm).say_due(False)
-    node_of(arm).let_go()
+    node_of(arm).release()
 
 
 def give_back(arm: Arm) -> None:
@@ -166,8 +166,8 @@ def give_back(arm: Arm) -> None:
         raise StreamFailure("program_stopped", f"the program's node has taken the arm back before it was given (state {node.state})")
     arm.outbox.message("giving_back")
     node.say_due(False)
-    node.let_go()
-    _wait_until_taken_back(arm, node)
+    node.release()
+    wait_until_taken_back(arm, node)
     if node.state in {LOST, ASTRAY}:
         raise StreamFailure("astray", "the program's node found the arm elsewhere than it was taken, and ended the program")
     node.number, arm.program_sent = NO_NUMBER, False
@@ -179,7 +179,7 @@ def give_back(arm: Arm) -> None:
             raise StreamFailure("program_stopped", f"the program's node ended the program after it got its arm back (state {node.state})")
 
 
-def _wait_until_taken_back(arm: Arm, node: Node) -> None:
+def wait_until_taken_back(arm: Arm, node: Node) -> None:
     """Wait for the node's word that the arm is no longer ours. Raises StreamFailure where it does not come."""
     begin_s = arm.seen_at
     while node.taken:

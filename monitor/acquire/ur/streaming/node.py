@@ -74,7 +74,7 @@ class Node:
         self.number = number
         self._write(TAKE, number)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Withdraw the number: the node ends the control loop, or does not begin it, and the program goes on if the arm is in its place."""
         self._write(TAKE, NO_NUMBER)
 

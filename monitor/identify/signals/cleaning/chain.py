@@ -15,13 +15,13 @@ from monitor.recording import Array, Indices, Mask
 
 MAX_SPEED_RAD_S = 20.0  # three times the fastest joint of any UR
 NOISE_STD = 10.0  # standard deviations of |Δq − q̇·Δt|; on sound recordings of real arms 99.9 % are below 6
-ROUNDING_RAD = 5e-4
+ROUNDING_RAD = 5e-4  # half of the last digit of a log with three decimals
 STILL_RAD = 2e-3  # by which a joint that hardly moves may be shaken by the others
 HARDLY_MOVING = 0.2  # fraction of the rows in which such a joint moves, at most
 SPEED_LAG_S = 0.005  # by which a drive's speed may lag behind its position
 JITTER = 0.5  # of a tick, by which a row's time may be off
 SHARED_JOINTS = 3  # so many joints must move for the jitter of a clock to be told from a torn row
-MOVING_RAD_S = 0.02
+MOVING_RAD_S = 0.02  # slower joints say nothing of the clock
 WINDOW_ROWS = 60  # over so many torn rows the motion before and after can still be joined
 BREAK_ROWS = 20.0  # so many rows are left out rather than that the motion is cut in two
 EDGE_ROWS = 2  # at the end of a run that may belong to the torn rows beside it

@@ -82,7 +82,7 @@ def no_channels(joints: int) -> ChannelState:
 
 DIFFUSE_VAR = 100.0  # [log²] of an unknown level
 PRIOR_STD = 0.05  # [log] of one replay: fc and fv of real joints scatter by 4–10 %, and are anti-correlated
-PRIOR_CORRELATION = 0.5
+PRIOR_CORRELATION = 0.5  # of successive replays, as is assumed of friction: `DriftSettings.autocorrelation`
 PRIOR_REPLAYS = 5.0  # weight of both
 FALL_PER_K = 0.015  # viscous friction falls by 0.8–2.2 %/K, Coulomb friction hardly: Raviola et al. (2021)
 SLOPES_PER_K = np.array([FALL_PER_K, 0.3 * FALL_PER_K, -0.3 * FALL_PER_K, 0.0])  # (C,) the share of viscous friction is 0.2 to 0.8

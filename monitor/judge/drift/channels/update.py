@@ -57,7 +57,7 @@ CAUTION = (
 NEWEST, PERSISTS = 3, 0.5  # replays, and the share of the shift that they must have: a shock decays, and wear stays
 MEMORY = 300.0  # [replays] over which noise is averaged
 ALIKE = 30.0  # [replays] weight of the arm's mean noise in each joint's
-MOST_CORRELATION = 0.95
+MOST_CORRELATION = 0.95  # at 1 a mean of replays would tell nothing, however many there are
 SLOW_WEIGHT = 2.0  # [windows] weight of the prior that noise is no slower than its correlation says
 SLOW_CAUTION = 1.15  # a mean of squares that leaves out the largest is too small
 
