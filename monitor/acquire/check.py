@@ -5,8 +5,7 @@ import time
 from monitor.acquire.driver import Driver
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import AskPermit
-from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
-from monitor.acquire.safety.way import Left
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, LastMotion, Permit
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import RobotUnreachable
@@ -22,19 +21,16 @@ def check(
     context: Context,
     *,
     installation: Installation | None = None,
-    stopped_before: str | None = None,
-    expected_serial: str | None = None,
-    left: Left | None = None,
+    last: LastMotion | None = None,
     ask: AskPermit | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> tuple[ConditionResult, ...]:
     """Every condition as it is now.
 
-    `stopped_before` describes a stop that nobody has acknowledged; `expected_serial` is the number of the arm that was moved before, `left`
-    how the last motion left it; `ask` asks for somebody else's permit. An arm that does not answer fails the conditions that need its
-    answer; nothing is raised for it.
+    last : how the last motion ended; None: there was none. `ask` asks for somebody else's permit. An arm that does not answer fails the
+    conditions that need its answer; nothing is raised for it.
     """
-    identity, unreachable = None, ""
+    identity, unreachable, last = None, "", last or LastMotion()
     try:
         identity = driver.identity(settings.host)
     except RobotUnreachable as error:
@@ -53,10 +49,10 @@ def check(
             identity=identity,
             unreachable=unreachable,
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
-            stopped_before=stopped_before,
-            expected_serial=expected_serial,
+            stopped_before=last.stopped_before,
+            expected_serial=last.expected_serial,
             permit=permit,
             installation=installation or Installation(),
-            left=left,
+            left=last.left,
         )
     )

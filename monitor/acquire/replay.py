@@ -6,7 +6,6 @@ ended and the robot has been told to stop before `replay` raises.
 
 import dataclasses
 import time
-from collections.abc import Callable
 from typing import NoReturn
 
 import numpy as np
@@ -16,14 +15,13 @@ from monitor.acquire.driver import Driver, OurEnd, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
-from monitor.acquire.safety.gate import Announce, AskPermit, Gate
-from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.inputs import ConditionInputs, LastMotion
 from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
-from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState, Identity
+from monitor.acquire.state import ArmState
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.watch import Caller, ReplayProgress, Watch, cause_of_death
+from monitor.acquire.watch import Caller, Watch, cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -40,38 +38,26 @@ def replay(
     *,
     context: Context | None = None,
     installation: Installation | None = None,
-    on_progress: Callable[[ReplayProgress], None] | None = None,
-    should_stop: Callable[[], bool] | None = None,
-    forbidden: Callable[[], str | None] | None = None,
-    stopped_before: str | None = None,
-    expected_serial: str | None = None,
-    met: Callable[[Identity], None] | None = None,
-    begin: Callable[[Identity], None] | None = None,
-    ask: AskPermit | None = None,
-    announce: Announce | None = None,
+    last: LastMotion | None = None,
     basis: BandBasis | None = None,
-    left: Left | None = None,
+    caller: Caller | None = None,
     driver: Driver = UNIVERSAL_ROBOTS,
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
 
-    `context` is what the caller knows of the arm; what the controller says of itself is added to it. `installation` is what
-    the configuration says of the controller's installation and of the drives. `should_stop` and `forbidden` are
-    called about every 50 ms; `forbidden` gives the reason why the arm may not move any longer. `stopped_before` describes a stop that
-    nobody has acknowledged, `expected_serial` is the number of the arm that was moved before. `met` is called with who answers, before
-    anything is refused for it; `begin` just before the arm may move: what it raises ends the replay, and nothing moves. `ask` asks for
-    somebody else's permit, again and again while the arm moves; `announce` tells whoever must know. `basis` is what was
-    learnt for the torque band, which ends the motion; None: nothing was. `left` is how the last motion left the arm; None: it brought
-    it back. The calling thread blocks until the arm is back, and must not end
-    before.
+    context : what the caller knows of the arm; what the controller says of itself is added to it. installation : what the configuration
+    says of the controller's installation and of the drives. last : how the motion before this one ended; None: there was none. basis : what
+    was learnt for the torque band, which ends the motion; None: nothing was. caller : whom to ask and to tell meanwhile; None: nobody.
+    The calling thread blocks until the arm is back, and must not end before.
 
     Where `settings.lent`, the arm is borrowed from the program that plays: the call waits at most `wait_s` for the program's node, in the
     phase `node` of the progress, takes the arm at the first node at which every condition holds, brings it back to within 1 mrad of where
-    it took it, and returns once the program goes on. `begin`, the announcement and the permit come after the arm was taken; what refuses
-    then gives it back at once. Any other end of a borrowed arm ends the program, and asks for a person (`ReplayAborted.borrowed`).
+    it took it, and returns once the program goes on. `Caller.begin`, the announcement and the permit come after the arm was taken; what
+    refuses then gives it back at once. Any other end of a borrowed arm ends the program, and asks for a person (`ReplayAborted.borrowed`).
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
+    last, caller = last or LastMotion(), caller or Caller()
     inputs = ConditionInputs(
         settings=settings,
         excitation=excitation,
@@ -80,16 +66,15 @@ def replay(
         now_unix_s=time.time(),
         identity=None,
         state=None,
-        stopped_before=stopped_before,
+        stopped_before=last.stopped_before,
         installation=installation or Installation(),
-        expected_serial=expected_serial,
-        left=None if settings.lent else left,  # a lent arm is given back where it was taken, wherever another motion has left it
+        expected_serial=last.expected_serial,
+        left=None if settings.lent else last.left,  # a lent arm is given back where it was taken, wherever another motion has left it
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     identity = driver.identity(settings.host)
     inputs = dataclasses.replace(inputs, identity=identity)
-    if met is not None:
-        met(identity)
+    caller.met(identity)
     refuse_unless(named_conditions(inputs, OF_CONTROLLER))
     task = ReplayTask(
         settings=settings,
@@ -100,18 +85,12 @@ def replay(
         basis=basis or BandBasis(),
         left=inputs.left,
     )
-    gate = Gate(inputs, ask=ask, announce=announce)
+    gate = Gate(inputs, ask=caller.ask, announce=caller.announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()
     if identity.remote_control is not None and (identity.remote_control or settings.lent is None):
         questions += (remote_control_kept(lambda: driver.remote_control(settings.host)),)
-    caller = Caller(
-        begin=lambda: None if begin is None else begin(identity),
-        should_stop=should_stop or (lambda: False),
-        forbidden=forbidden or (lambda: None),
-        on_progress=on_progress,
-    )
     oversight = Oversight(questions, playing_program=lambda: driver.playing_program(settings.host))
-    watch = Watch(settings, gate, caller, oversight)
+    watch = Watch(settings, identity, gate, caller, oversight)
     session = driver.stream(task)
     try:
         watch.follow(session)

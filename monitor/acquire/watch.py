@@ -10,10 +10,10 @@ import numpy as np
 
 from monitor.acquire.driver import OurProgram, Session, SessionEnded
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety.gate import Gate
+from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.state import ArmState, Identity, arm_state
 from monitor.errors import RobotUnreachable
 from monitor.recording import Array
 
@@ -65,9 +65,12 @@ class ReplayProgress(NamedTuple):
 class Caller:
     """What the caller of a replay wants to be asked and told, in the thread that follows the session."""
 
-    begin: Callable[[], None] = lambda: None  # called just before the arm may move; what it raises ends the replay, and nothing moves
-    should_stop: Callable[[], bool] = lambda: False
-    forbidden: Callable[[], str | None] = lambda: None  # why the arm may not move any longer
+    met: Callable[[Identity], None] = lambda _: None  # called with who answers, before anything is refused for it
+    announce: Announce | None = None  # tells whoever must know that the arm is going to move
+    ask: AskPermit | None = None  # asks for somebody else's permit, again and again while the arm moves
+    begin: Callable[[Identity], None] = lambda _: None  # just before the arm may move; what it raises ends the replay, and nothing moves
+    should_stop: Callable[[], bool] = lambda: False  # asked about every 50 ms …
+    forbidden: Callable[[], str | None] = lambda: None  # … and so is this: why the arm may not move any longer
     on_progress: Callable[[ReplayProgress], None] | None = None
 
 
@@ -95,12 +98,14 @@ class Watch:
     def __init__(
         self,
         settings: ReplaySettings,
+        identity: Identity,
         gate: Gate,
         caller: Caller,
         oversight: Oversight,
     ) -> None:
-        """`oversight` begins once the arm may move; the caller of this ends it."""
+        """`identity` answers. `oversight` begins once the arm may move; the caller of this ends it."""
         self.settings, self.gate, self.caller, self.oversight = settings, gate, caller, oversight
+        self._identity = identity
         self.state: ArmState | None = None  # the latest before the arm moved
         self.rows: list[Array] = []
         self.first_row_unix_s: float | None = None
@@ -245,7 +250,7 @@ class Watch:
         assert self.state is not None
         if not self.gate.step(self.state, now):
             return
-        self.caller.begin()
+        self.caller.begin(self._identity)
         self._gone = True
         session.send("go")
         self.oversight.start()

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.acquire.listen import Listener, ListenSettings
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
@@ -31,7 +31,7 @@ from monitor.service.page import page
 from monitor.service.problems import Problems
 from monitor.service.processes.apart import HERE, Apart
 from monitor.service.reload import Reloader
-from monitor.service.replay.motion import move
+from monitor.service.replay.motion import move, permit_by
 from monitor.service.replay.progress_log import progress_log
 from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
@@ -217,15 +217,17 @@ def _replay_over_rtde(
         store,
         excitation,
         context,
-        should_stop=should_stop,
+        caller=Caller(
+            announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": number(), **about}),
+            ask=permit_by(daemon.bus.ask_permit),
+            should_stop=should_stop,
+            forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
+            on_progress=on_progress,
+        ),
         ledger_id=ledger_id,
         window=window,
-        forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
         first_pass_path=lambda: store.recordings.first_pass_path(number()),
-        ask=daemon.bus.ask_permit,
-        announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": number(), **about}),
         model=daemon.state.torque_model,
-        on_progress=on_progress,
         compute=daemon.state.compute,
     )
 

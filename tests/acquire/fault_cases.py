@@ -18,7 +18,7 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.ur.ports.dashboard import Dashboard
 from monitor.acquire.ur.stream import STOP_RAMP_S
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -241,7 +241,7 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
 
     cause, recording, person, reported_s = None, None, False, None
     try:
-        recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
+        recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress))
     except RobotUnreachable:
         cause = "stalled"  # before it moved
     except ReplayAborted as error:

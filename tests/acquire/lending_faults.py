@@ -25,6 +25,7 @@ sys.path[:0] = [sys.argv[2]]
 from excitations import short
 from lending_cell import settings
 from monitor.acquire.replay import replay
+from monitor.acquire.watch import Caller
 from monitor.errors import MonitorError, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -37,7 +38,7 @@ def show(at):
 robot = sys.argv[3]
 try:
     replay(short(robot=robot), load_robot(robot), settings(sys.argv[1]), context=Context(payload_kg=0.0), installation=known_gains(robot),
-           on_progress=show)
+           caller=Caller(on_progress=show))
     print("ended done", flush=True)
 except ReplayAborted as error:
     print("ended", error.cause, "borrowed" if error.borrowed else "own", "person" if error.needs_a_person else "nobody", error, flush=True)

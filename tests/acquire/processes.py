@@ -14,11 +14,12 @@ sys.path[:0] = [sys.argv[2]]
 from excitations import short
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.replay import replay
+from monitor.acquire.watch import Caller
 from monitor.errors import ReplayAborted
 from monitor.model.robot import load_robot
 try:
     replay(short(), load_robot("ur5"), ReplaySettings(host=sys.argv[1], allow_motion=True, first_pass=False, approach_speed_rad_s=1.0),
-           on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True))
+           caller=Caller(on_progress=lambda p: print(p.phase, p.elapsed_s, flush=True)))
 except ReplayAborted as error:
     print("aborted", error.cause, flush=True)
 """

@@ -7,6 +7,7 @@ from simulated_arm import known_gains, simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.simulate.remote import Remote
@@ -43,7 +44,7 @@ def test_the_freedrive_button_ends_a_motion_and_forbids_the_next():
                 pressed.append(remote.fault("teach_button", state="on"))
 
         with pytest.raises(ReplayAborted) as aborted:
-            replay(short(), load_robot("ur5"), settings, on_progress=on_progress)
+            replay(short(), load_robot("ur5"), settings, caller=Caller(on_progress=on_progress))
         assert aborted.value.cause == "teach_button"
         assert aborted.value.needs_a_person
         with pytest.raises(MotionRefused, match="teach_button"):

@@ -13,7 +13,7 @@ from processes import children
 
 from monitor.acquire.replay import replay
 from monitor.acquire.safety.inputs import Permit
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -51,7 +51,7 @@ def test_a_replay_is_played_at_the_programs_node_and_the_program_goes_on(cell):
     """Taken where the program brought the arm, played, back within 1 mrad; no stop, no watchdog and no upload."""
     stops, scripts = len(cell.truth["stops"]), cell.truth["scripts_started"]
     seen: list[ReplayProgress] = []
-    recording = replay(short(), UR5, cell.settings(), on_progress=seen.append)
+    recording = replay(short(), UR5, cell.settings(), caller=Caller(on_progress=seen.append))
     truth = cell.truth
     assert len(recording.t_s) >= 360
     assert "node" in {at.phase for at in seen}
@@ -64,7 +64,7 @@ def test_a_node_at_which_a_condition_does_not_hold_is_passed_by(cell):
     seen: list[ReplayProgress] = []
     before = cell.cycles
     with pytest.raises(MotionRefused, match=r"no node .* payload: the controller reckons with 0.000 kg"):
-        replay(short(), UR5, cell.settings(hand_over_wait_h=0.001), context=Context(payload_kg=2.0), on_progress=seen.append)
+        replay(short(), UR5, cell.settings(hand_over_wait_h=0.001), context=Context(payload_kg=2.0), caller=Caller(on_progress=seen.append))
     assert any("payload" in at.passed_by for at in seen)
     assert cell.cycles >= before + 2
     assert cell.astray == 0
@@ -73,14 +73,14 @@ def test_a_node_at_which_a_condition_does_not_hold_is_passed_by(cell):
 def test_a_permit_that_is_refused_at_the_node_gives_the_arm_back(cell):
     """The arm has been taken by then; the program goes on, and nothing asks for a person."""
     with pytest.raises(MotionRefused, match="not now"):
-        replay(short(), UR5, cell.settings(permit="zenoh"), ask=lambda about, timeout_s: Permit(False, "not now"))
+        replay(short(), UR5, cell.settings(permit="zenoh"), caller=Caller(ask=lambda about, timeout_s: Permit(False, "not now")))
     assert goes_on(cell)
 
 
 def test_a_session_that_refuses_the_motion_after_it_was_told_to_go_gives_the_arm_back(cell):
     """The slider is moved just then. Nothing moved, the program goes on, and nobody is asked: it was taken for a failure of ours before."""
     with pytest.raises(MotionRefused, match="speed_scaling"):
-        replay(short(), UR5, cell.settings(), begin=lambda identity: cell.fault("speed_slider", fraction=0.5))
+        replay(short(), UR5, cell.settings(), caller=Caller(begin=lambda identity: cell.fault("speed_slider", fraction=0.5)))
     cell.fault("speed_slider", fraction=1.0)
     assert goes_on(cell)
 
@@ -96,7 +96,7 @@ def test_a_monitor_that_hangs_while_it_has_the_arm_gives_it_back(cell):
         hung.append(cell.cycles - cycles)
 
     with pytest.raises(ReplayAborted) as ended:
-        replay(short(), UR5, cell.settings(), announce=hang)
+        replay(short(), UR5, cell.settings(), caller=Caller(announce=hang))
     assert hung[0] >= 1  # the program went on while this process still hung
     assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("late", False, False)
     assert "said nothing for 3 s" in str(ended.value)
@@ -107,7 +107,13 @@ def test_a_request_to_stop_while_the_node_is_awaited_leaves_the_program_alone(ce
     """Nothing was taken, so there is nothing to give back."""
     begin = time.monotonic()
     with pytest.raises(ReplayAborted) as ended:
-        replay(short(), UR5, cell.settings(), context=Context(payload_kg=2.0), should_stop=lambda: time.monotonic() - begin > 1.0)
+        replay(
+            short(),
+            UR5,
+            cell.settings(),
+            context=Context(payload_kg=2.0),
+            caller=Caller(should_stop=lambda: time.monotonic() - begin > 1.0),
+        )
     assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("parent_asked_to_stop", False, False)
     assert goes_on(cell)
 
@@ -116,7 +122,9 @@ def test_a_request_to_stop_in_the_middle_brings_the_arm_back_over_its_way(cell):
     """Whoever restarts the monitor does not stop production."""
     seen: list[ReplayProgress] = []
     with pytest.raises(ReplayAborted) as ended:
-        replay(short(), UR5, cell.settings(), on_progress=seen.append, should_stop=lambda: bool(seen) and seen[-1].rows > 150)
+        replay(
+            short(), UR5, cell.settings(), caller=Caller(on_progress=seen.append, should_stop=lambda: bool(seen) and seen[-1].rows > 150)
+        )
     assert (ended.value.cause, ended.value.borrowed, ended.value.needs_a_person) == ("parent_asked_to_stop", False, False)
     assert "has its arm back" in str(ended.value)
     assert "way_back" in {at.phase for at in seen}
@@ -136,7 +144,7 @@ def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
             os.kill(children(naming="monitor.acquire.ur.stream")[0], signal.SIGKILL)
 
     with pytest.raises(ReplayAborted) as ended:
-        replay(short(), UR5, cell.settings(), on_progress=kill)
+        replay(short(), UR5, cell.settings(), caller=Caller(on_progress=kill))
     time.sleep(0.3)
     truth = cell.truth
     cell.fault("remote", state="on")

@@ -21,6 +21,7 @@ from simulated_arm import ASIDE, simulated_arm
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.ports.dashboard import Dashboard
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -103,7 +104,7 @@ def run_cut(cut: Cut, host: str, controller: str, proxy: CuttingProxy) -> Cut:
 
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
     try:
-        replay(QUICK, UR5, settings, context=Context(payload_kg=0.0), on_progress=on_progress, should_stop=stop.is_set)
+        replay(QUICK, UR5, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress, should_stop=stop.is_set))
         cut.cause = DONE
     except ReplayAborted as error:
         cut.cause = error.cause

@@ -18,9 +18,10 @@ from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
 from monitor.acquire.safety.band.basis import BandBasis
-from monitor.acquire.safety.inputs import Permit
+from monitor.acquire.safety.inputs import LastMotion, Permit
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -223,14 +224,14 @@ def test_the_motion_is_entered_before_the_session_is_told_to_go():
         raise StoreUnavailable("no space is left")
 
     with pytest.raises(StoreUnavailable):
-        replay(short(), UR5, SETTINGS, driver=driver, begin=begin, met=met.append)
+        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(begin=begin, met=met.append))
     assert session.sent == []
     assert session.ended
     assert [identity.serial for identity in met] == ["7"]
     assert driver.programs_stopped == 0
     other = ScriptedDriver(ScriptedSession(WAITING, [DONE]))
     with pytest.raises(MotionRefused, match=r"serial: .* is 7, expected 6, the arm that was moved before"):
-        replay(short(), UR5, SETTINGS, driver=other, expected_serial="6", met=met.append)
+        replay(short(), UR5, SETTINGS, driver=other, last=LastMotion(expected_serial="6"), caller=Caller(met=met.append))
     assert [identity.serial for identity in met] == ["7", "7"]
 
 
@@ -288,12 +289,12 @@ def test_motion_that_is_forbidden_while_the_arm_moves_stops_it():
     answers = iter([None] * 20)
     driver = ScriptedDriver(MovingSession())
     with pytest.raises(ReplayAborted, match="allow_motion is false now") as aborted:
-        replay(short(), UR5, SETTINGS, driver=driver, forbidden=lambda: next(answers, "allow_motion is false now"))
+        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: next(answers, "allow_motion is false now")))
     assert aborted.value.cause == "motion_forbidden"
     assert driver.session.sent == ["go", "stop"]
     driver = ScriptedDriver(ScriptedSession(WAITING, [DONE]))
     with pytest.raises(ReplayAborted, match="before the arm moved") as aborted:
-        replay(short(), UR5, SETTINGS, driver=driver, forbidden=lambda: "allow_motion is false now")
+        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: "allow_motion is false now"))
     assert not aborted.value.moved
     assert driver.session.sent == []
 
@@ -311,7 +312,7 @@ def test_a_permit_is_asked_again_while_the_arm_moves(later, text, monkeypatch):
 
     driver = ScriptedDriver(MovingSession())
     with pytest.raises(ReplayAborted, match=text) as aborted:
-        replay(short(), UR5, replace(SETTINGS, permit="zenoh"), driver=driver, ask=ask)
+        replay(short(), UR5, replace(SETTINGS, permit="zenoh"), driver=driver, caller=Caller(ask=ask))
     assert aborted.value.cause == "permit_withdrawn"
     assert [about.get("moving", False) for about in asked[:3]] == [False, True, True]
 

@@ -16,7 +16,7 @@ from simulated_arm import simulated_arm
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.ports.dashboard import Dashboard
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -126,7 +126,7 @@ def ended_by(happening: Happening, host: str) -> tuple[str, int]:
 
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
     try:
-        replay(short(), UR5, settings, context=Context(payload_kg=0.0), on_progress=on_progress)
+        replay(short(), UR5, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress))
     except ReplayAborted as error:
         return error.cause, began[0] if began else -1
     except RobotUnreachable:

@@ -12,6 +12,7 @@ from monitor.acquire.check import check
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UniversalRobots
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -46,7 +47,7 @@ def played(host, *, after_s=None, act=None, **changes):
         context=Context(serial="77"),
         installation=known_gains("ur5e"),
         driver=DRIVER,
-        on_progress=on_progress,
+        caller=Caller(on_progress=on_progress),
     )
 
 

@@ -23,6 +23,7 @@ from monitor.acquire.ur import stream
 from monitor.acquire.ur.receive import read_row
 from monitor.acquire.ur.signals import SIGNALS
 from monitor.acquire.ur.streaming.failures import state_failure
+from monitor.acquire.watch import Caller
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.simulate.remote import Remote
@@ -157,7 +158,7 @@ def test_a_protective_stop_that_the_child_did_not_see_is_the_cause_all_the_same(
 
         settings = replace(SIMULATED, host=host, approach_speed_rad_s=1.0)
         with pytest.raises(ReplayAborted) as aborted:
-            replay(short(), load_robot("ur5"), settings, on_progress=on_progress)
+            replay(short(), load_robot("ur5"), settings, caller=Caller(on_progress=on_progress))
         assert done
         assert aborted.value.cause == "protective_stop"
         assert aborted.value.needs_a_person

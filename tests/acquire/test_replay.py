@@ -23,6 +23,7 @@ from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.ur.process import Child
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
@@ -186,7 +187,7 @@ def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_th
     states = []
     try:
         listener.start()
-        replay(short(), UR5, simulated.settings(), on_progress=lambda _: states.extend(listener.poll()))
+        replay(short(), UR5, simulated.settings(), caller=Caller(on_progress=lambda _: states.extend(listener.poll())))
         rate_hz = (len(states) - 1) / (states[-1].t_s - states[0].t_s)
         assert 8.0 < rate_hz < 12.0  # every 12th tick of 125 Hz is 10.4 Hz
         assert max(np.max(np.abs(state.qd)) for state in states) > 0.2
@@ -293,7 +294,7 @@ def test_on_request_the_arm_slows_down_stands_and_its_program_ends(fresh_arm):
 
     on_progress, at = during_play(lambda: asked.append(True))
     with pytest.raises(ReplayAborted, match="on request") as aborted:
-        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress, should_stop=lambda: bool(asked))
+        replay(short(), UR5, fresh_arm.settings(), caller=Caller(on_progress=on_progress, should_stop=lambda: bool(asked)))
     assert aborted.value.cause == "parent_asked_to_stop"
     assert time.monotonic() - at[0] < 3.0  # 0.4 s to slow down, 0.15 s at rest, the end of the program, two queries of the dashboard
     assert speed(fresh_arm) < AT_REST_RAD_S
@@ -309,6 +310,6 @@ def test_a_callback_that_fails_does_not_leave_the_arm_moving(fresh_arm):
 
     on_progress, at = during_play(fail)
     with pytest.raises(KeyError):
-        replay(short(), UR5, fresh_arm.settings(), on_progress=on_progress)
+        replay(short(), UR5, fresh_arm.settings(), caller=Caller(on_progress=on_progress))
     assert_stands(fresh_arm, at[0])
     assert children() == []

@@ -14,7 +14,7 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.streaming import borrow
 from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
-from monitor.acquire.watch import cause_of_death
+from monitor.acquire.watch import Caller, cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 
 ALIVE = {"kind": "alive"}
@@ -77,7 +77,9 @@ def played(monkeypatch, frames, **replayed):
     session = TimedSession(clock, [phase("control"), phase("play"), *frames])
     settings = ReplaySettings(host="127.0.0.1", allow_motion=True)
     with pytest.raises(ReplayAborted) as aborted:
-        replay(short(), UR5, settings, driver=ScriptedDriver(session), **{name: make(clock) for name, make in replayed.items()})
+        replay(
+            short(), UR5, settings, driver=ScriptedDriver(session), caller=Caller(**{name: make(clock) for name, make in replayed.items()})
+        )
     return aborted.value, clock
 
 
@@ -175,7 +177,7 @@ def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_fi
     driver = ScriptedDriver(session)
     settings = ReplaySettings(host="127.0.0.1", allow_motion=True, hand_over="external_control")
     with pytest.raises(MotionRefused, match="the guard says no"):
-        replay(short(), UR5, settings, driver=driver, should_stop=lambda: True)
+        replay(short(), UR5, settings, driver=driver, caller=Caller(should_stop=lambda: True))
     assert session.sent == ["stop"]
     assert driver.programs_stopped == 0
 

@@ -8,6 +8,7 @@ import numpy as np
 from excitations import short
 from simulated_arm import simulated_arm
 
+from monitor.acquire.watch import Caller
 from monitor.config.load import load
 from monitor.errors import ReplayAborted
 from monitor.model.fourier import Excitation
@@ -53,9 +54,8 @@ class Arm:
                     store,
                     FAR,
                     self.configuration.context,
-                    should_stop=lambda: at[0][0] == stop_in and at[0][1] > after_s,
+                    caller=Caller(should_stop=lambda: at[0][0] == stop_in and at[0][1] > after_s, on_progress=on_progress),
                     first_pass_path=self.configuration.state_directory / "first.parquet",
-                    on_progress=on_progress,
                 )
             except ReplayAborted as error:
                 return error

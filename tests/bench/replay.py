@@ -19,6 +19,7 @@ from pathlib import Path
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.watch import Caller
 from monitor.config.load import find_excitation
 from monitor.errors import ReplayAborted
 from monitor.model.robot import load_robot
@@ -76,7 +77,7 @@ def run(rounds: int) -> dict[str, list[dict[str, float]]]:
             with simulated_arm(ADDRESS, "--robot", robot):
                 try:
                     gains = known_gains(robot)
-                    recording = replay(excitation, load_robot(robot), settings, installation=gains, on_progress=meter)
+                    recording = replay(excitation, load_robot(robot), settings, installation=gains, caller=Caller(on_progress=meter))
                 except ReplayAborted as error:
                     found.setdefault(title, []).append({"ended": 1.0})
                     print(f"{title}: {error.cause}")

@@ -13,6 +13,7 @@ from test_motion import causes
 from typer.testing import CliRunner
 
 from monitor.acquire.ur.driver import UniversalRobots
+from monitor.acquire.watch import Caller
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
@@ -53,7 +54,7 @@ def moved(configuration: Configuration, *frames, at=START, left_at=AWAY, control
                 store,
                 FAR,
                 configuration.context,
-                should_stop=lambda: False,
+                caller=Caller(),
                 first_pass_path=configuration.state_directory / "first.parquet",
                 driver=driver,
             )

@@ -14,6 +14,7 @@ from test_guard import ready_state
 from typer.testing import CliRunner
 
 from monitor.acquire.state import Identity
+from monitor.acquire.watch import Caller
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
@@ -43,7 +44,7 @@ def arm(*frames, after: Callable[[], object] = ready_state, identity: Identity |
     return driver
 
 
-def moved(configuration: Configuration, store: Store, driver: ScriptedDriver, **more) -> ReplayAborted | None:
+def moved(configuration: Configuration, store: Store, driver: ScriptedDriver, caller: Caller | None = None, **more) -> ReplayAborted | None:
     """The abort with which a motion ended; None where it was complete."""
     try:
         move(
@@ -51,7 +52,7 @@ def moved(configuration: Configuration, store: Store, driver: ScriptedDriver, **
             store,
             short(),
             configuration.context,
-            should_stop=lambda: False,
+            caller=caller or Caller(),
             first_pass_path=configuration.state_directory / "first.parquet",
             driver=driver,
             **more,
@@ -207,7 +208,7 @@ def test_an_error_of_this_program_in_mid_motion_waits_for_a_person(configuration
 
     with Store.open(configuration.state_directory) as store:
         with pytest.raises(ZeroDivisionError):
-            moved(configuration, store, ScriptedDriver(session), forbidden=forbidden)
+            moved(configuration, store, ScriptedDriver(session), caller=Caller(forbidden=forbidden))
         assert causes(store) == ["internal"]
 
 

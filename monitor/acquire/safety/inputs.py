@@ -19,6 +19,15 @@ class Permit(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LastMotion:
+    """How the motion before this one ended, as the history knows it."""
+
+    stopped_before: str | None = None  # description of a stop that nobody has acknowledged
+    expected_serial: str | None = None  # of the arm that was moved; None: none was moved yet, or it says none
+    left: Left | None = None  # how the arm was left; None: it was brought back
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConditionInputs:
     """Everything that is known when somebody asks whether the arm may move."""
 

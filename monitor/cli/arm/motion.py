@@ -71,7 +71,8 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
 
 def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOption = False, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
-    from monitor.service.replay.motion import move
+    from monitor.acquire.watch import Caller
+    from monitor.service.replay.motion import move, permit_by
     from monitor.store.formats.recordings import write_recording
     from monitor.store.store import Store
     from monitor.views.terminal.progress import progress
@@ -100,11 +101,13 @@ def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOpti
             store,
             configuration.excitation,
             configuration.context,
-            should_stop=stopping.is_set,
+            caller=Caller(
+                announce=announce,
+                ask=None if ask is None else permit_by(ask),
+                should_stop=stopping.is_set,
+                on_progress=on_progress,
+            ),
             first_pass_path=first,
-            on_progress=on_progress,
-            ask=ask,
-            announce=announce,
         )
         slowly = store.first_passes.latest() != before
     write_recording(output, recording)

@@ -15,11 +15,11 @@ from monitor.acquire.driver import Driver
 from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
 from monitor.acquire.safety.first_pass import first_pass_key, slowed
-from monitor.acquire.safety.gate import Announce, AskPermit
-from monitor.acquire.safety.inputs import ConditionResult, Permit
+from monitor.acquire.safety.gate import AskPermit
+from monitor.acquire.safety.inputs import ConditionResult, LastMotion, Permit
 from monitor.acquire.safety.way import Left
 from monitor.acquire.state import Identity
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.torque.compensated_model import CompensatedModel
@@ -104,14 +104,10 @@ def move(
     excitation: Excitation,
     context: Context,
     *,
-    should_stop: Callable[[], bool],
+    caller: Caller,
     first_pass_path: Path | Callable[[], Path],
     ledger_id: int | None = None,
     window: Window | None = None,
-    forbidden: Callable[[], str | None] | None = None,
-    on_progress: Callable[[ReplayProgress], None] | None = None,
-    ask: AskAnswer | None = None,
-    announce: Announce | None = None,
     model: CompensatedModel | None = None,
     driver: Driver | None = None,
     compute: Compute = HERE,
@@ -119,8 +115,8 @@ def move(
     """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
 
     ledger_id : of the window; None: a replay by hand. window : instead, where a program lends the arm: it is entered when the arm is taken,
-    and `first_pass_path` is asked for after that. forbidden : the reason why the arm may not move any longer, asked while it moves.
-    compute : how what was learnt for the torque band is read.
+    and `first_pass_path` is asked for after that. caller : whom to ask and to tell meanwhile; its `met` and `begin` are not used, because
+    who answers and that the motion begins go into the history. compute : how what was learnt for the torque band is read.
 
     Each motion is in the history before the arm moves. An end after which the arm was not seen at rest and in order is stored as a stop.
 
@@ -153,17 +149,9 @@ def move(
                 settings,
                 context=context,
                 installation=configuration.installation,
-                on_progress=None if on_progress is None else _named(on_progress, slow=slowly),
-                should_stop=should_stop,
-                forbidden=forbidden,
-                stopped_before=_waiting_text(store),
-                expected_serial=motion.expected_serial,
-                met=motion.met,
-                begin=motion.begin,
-                ask=None if ask is None else _permit(ask),
-                announce=announce,
+                last=LastMotion(stopped_before=_waiting_text(store), expected_serial=motion.expected_serial, left=before),
                 basis=basis,
-                left=before,
+                caller=dataclasses.replace(caller, met=motion.met, begin=motion.begin, on_progress=_named(caller.on_progress, slow=slowly)),
                 driver=chosen,
             )
         except ReplayAborted as error:
@@ -172,7 +160,7 @@ def move(
             ended, after = error, None
             with_us = settings.lent is None or error.borrowed  # else the program has its arm, and moves it
             if with_us and error.moved and error.cause in ReplayAborted.HARMLESS:
-                after = look(chosen, settings, clean=error.at_rest, should_stop=should_stop)
+                after = look(chosen, settings, clean=error.at_rest, should_stop=caller.should_stop)
                 ended = judged_end(error, after)
             left = left_by(ended, after, played, before)
             if error.phase:
@@ -187,7 +175,7 @@ def move(
             motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
             raise
         given_back()
-        after = look(chosen, settings, clean=True, should_stop=should_stop)
+        after = look(chosen, settings, clean=True, should_stop=caller.should_stop)
         if after.unknown is None:
             motion.end("done", None, needs_a_person=False)
         else:
@@ -203,17 +191,17 @@ def move(
             path = first_pass_path if isinstance(first_pass_path, Path) else first_pass_path()
             written_apart(compute, path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
             store.first_passes.add(digest, _load(context) | {"recording": path.name, "quality": dict(slow.quality)}, time.time())
-            if should_stop():
+            if caller.should_stop():
                 raise ReplayAborted("stopped on request after the first pass; the arm stands", "parent_asked_to_stop")
         return play(excitation, slowly=False)
 
 
 def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = None) -> tuple[ConditionResult, ...]:
     """Every condition as it is now. Nothing is sent to the arm but requests for its state; the history adds its stops."""
-    stop_text = serial = left = None
+    last = LastMotion()
     try:
         with Store.reader(configuration.state_directory) as store:
-            stop_text, serial, left = _waiting_text(store), store.motions.expected_serial(), left_in(store)
+            last = LastMotion(stopped_before=_waiting_text(store), expected_serial=store.motions.expected_serial(), left=left_in(store))
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
@@ -223,10 +211,8 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
         configuration.robot_description,
         configuration.context,
         installation=configuration.installation,
-        stopped_before=stop_text,
-        expected_serial=serial,
-        left=left,
-        ask=None if ask is None else _permit(ask),
+        last=last,
+        ask=None if ask is None else permit_by(ask),
         driver=configuration.driver,
     )
 
@@ -237,12 +223,16 @@ def _waiting_text(store: Store) -> str | None:
     return texts[-1] if texts else None
 
 
-def _named(on_progress: Callable[[ReplayProgress], None], *, slow: bool) -> Callable[[ReplayProgress], None]:
+def _named(on_progress: Callable[[ReplayProgress], None] | None, *, slow: bool) -> Callable[[ReplayProgress], None] | None:
     """The same display, which is told whether this is a slow first pass."""
+    if on_progress is None:
+        return None
     return lambda at: on_progress(at._replace(slow=slow))
 
 
-def _permit(ask: AskAnswer) -> AskPermit:
+def permit_by(ask: AskAnswer) -> AskPermit:
+    """A permit by the answer of whoever answers on the bus."""
+
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
         question = outside(dict(about))
         assert isinstance(question, dict)

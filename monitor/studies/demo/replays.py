@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from monitor.acquire.replay import replay
-from monitor.acquire.watch import ReplayProgress
+from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.identify.signals.cleaning.quality import quality_problem
@@ -34,7 +34,7 @@ class DemoReplay:
 
     def _live(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
         robot, settings = self._configuration.robot_description, self._configuration.replay
-        return replay(excitation, robot, settings, context=context, on_progress=self._show, should_stop=should_stop)
+        return replay(excitation, robot, settings, context=context, caller=Caller(on_progress=self._show, should_stop=should_stop))
 
     def _show(self, at: ReplayProgress) -> None:
         total = f" of {at.duration_s:.0f}" if at.duration_s else ""
