@@ -13,7 +13,7 @@ from typing import Any
 
 from monitor.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
-from monitor.studies.figures import Share
+from monitor.studies.figures import Share, at_least_one
 from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
@@ -314,7 +314,7 @@ def _by_baseline(spans: list[dict[str, Any]]) -> str:
 def main() -> None:
     """`python -m monitor.studies.performance_card [--arms N] [--seed S] [--output FILE]`."""
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.performance_card", description=__doc__)
-    parser.add_argument("--arms", type=int, default=2400, help="on which nothing wears; six times as many have a 5 %% step")
+    parser.add_argument("--arms", type=at_least_one, default=2400, help="on which nothing wears; six times as many have a 5 %% step")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
     parser.add_argument("--output", type=Path, default=TARGET)

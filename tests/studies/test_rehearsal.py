@@ -1,5 +1,6 @@
 """A small fleet: how many false alerts there are, and how soon wear is detected. The large fleet is in the soak tests and on the card."""
 
+import importlib
 import json
 from dataclasses import replace
 
@@ -300,3 +301,14 @@ def test_remaining_life_is_calibrated_on_every_path():
     for row in found.by_path:
         assert row["p10_p90_holds"]["at_most"] >= 0.72
         assert 0.65 <= row["p50_over_truth"] <= 1.6
+
+
+@pytest.mark.parametrize("module", ["work_plans", "work_observer", "worlds.__main__"])
+def test_a_study_of_no_arms_is_refused_before_it_begins(module, monkeypatch, capsys):
+    """It was a traceback, for plans after minutes."""
+    option = "--arms" if module.startswith("worlds") else "--slow"
+    monkeypatch.setattr("sys.argv", ["study", *(["plain"] if module.startswith("worlds") else []), option, "0"])
+    with pytest.raises(SystemExit) as ended:
+        importlib.import_module(f"monitor.studies.rehearsal.{module}").main()
+    assert ended.value.code == 2
+    assert "0: expected a whole number from 1 on" in capsys.readouterr().err

@@ -23,7 +23,7 @@ from scipy.special import log_ndtr, logsumexp
 from monitor.assess import AssessSettings
 from monitor.judge.drift.observation import Observation
 from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR
+from monitor.studies.figures import DAYS_A_YEAR, at_least_one
 from monitor.studies.rehearsal.at_work import DAILY_UNTIL, FleetAtWork, Judged, Plan, WorkSettings, figures, observed_days
 from monitor.studies.rehearsal.detection import LATEST_ONSET, days_to_play, onsets
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, FleetSettings, Morning, Wear
@@ -290,8 +290,8 @@ def main() -> None:
     """`python -m monitor.studies.rehearsal.work_observer [--alone] [--seed S] [--quiet N] [--slow N] [--false F]`."""
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.rehearsal.work_observer", description=__doc__)
     parser.add_argument("--seed", type=int, default=611)
-    parser.add_argument("--quiet", type=int, default=100, help="arms without wear")
-    parser.add_argument("--slow", type=int, default=100, help="arms of which one joint wears by 10 %% a year")
+    parser.add_argument("--quiet", type=at_least_one, default=100, help="arms without wear")
+    parser.add_argument("--slow", type=at_least_one, default=100, help="arms of which one joint wears by 10 %% a year")
     parser.add_argument("--false", type=float, default=0.07, help="alerts a robot-year that the observers cause in arms without wear")
     parser.add_argument("--plans", nargs="*", default=list(OBSERVED), choices=list(OBSERVED))
     parser.add_argument("--alone", action="store_true", help="nobody judges, so nobody asks for replays: minutes instead of an hour")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.assess import AssessSettings
-from monitor.studies.figures import DAYS_A_YEAR
+from monitor.studies.figures import DAYS_A_YEAR, at_least_one
 from monitor.studies.rehearsal.at_work import DAILY_UNTIL, Plan, WorkSettings, played
 from monitor.studies.rehearsal.detection import LATEST_ONSET, days_to_play, onsets
 from monitor.studies.rehearsal.fleet import REPLAY_MIN, FleetSettings
@@ -93,7 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.rehearsal.work_plans", description=__doc__)
     parser.add_argument("--seed", type=int, default=611)
     for kind, arms in Fleets()._asdict().items():
-        parser.add_argument(f"--{kind}", type=int, default=arms, help="arms of this kind that each plan plays")
+        parser.add_argument(f"--{kind}", type=at_least_one, default=arms, help="arms of this kind that each plan plays")
     parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
     arguments = parser.parse_args()
     fleets = Fleets(arguments.quiet, arguments.step, arguments.slow)

@@ -5,6 +5,7 @@ import json
 import sys
 
 from monitor.assess import AssessSettings
+from monitor.studies.figures import at_least_one
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import COUNTED, play_world, world_line
 
@@ -19,8 +20,8 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("names", nargs="+", metavar="NAME", help="worlds, or: all")
-    parser.add_argument("--arms", type=int, default=60, help="healthy arms; half as many of each kind of wear (default 60)")
-    parser.add_argument("--days", type=int, default=1095, help="of every arm's life (default 1095)")
+    parser.add_argument("--arms", type=at_least_one, default=60, help="healthy arms; half as many of each kind of wear (default 60)")
+    parser.add_argument("--days", type=at_least_one, default=1095, help="of every arm's life (default 1095)")
     parser.add_argument("--seed", type=int, default=1, help="1 to 99 are for development; larger ones nobody looks at before the end")
     parser.add_argument("--json", action="store_true", help="one object a line")
     arguments = parser.parse_args()
