@@ -373,7 +373,7 @@ def test_the_dialogs_and_the_report_are_german_too(opened, served):
     """The dialog of every command and the printed report have no English word; the button to the report leads to it."""
     page = opened[0](language="de")
     commands = page.locator('#active button[data-do]:not([data-do="look"])')
-    assert commands.count() == 3
+    expect(commands).to_have_count(3)
     for command in commands.all():
         command.click()
         assert not ENGLISH_WORDS.search(page.locator("#dialog").inner_text())
