@@ -53,6 +53,7 @@ def opened(served, tabs):
         page.goto(server.url)
         expect(page.locator("#link")).to_have_text({"en": "live", "de": "verbunden"}[language])
         expect(page.locator("#windows tbody tr").first).to_be_visible()
+        expect(page.locator("#active .alert").first).to_be_visible()  # it chooses the joint that is shown first, and may come after them
         return page
 
     yield open_, trouble
