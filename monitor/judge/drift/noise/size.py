@@ -9,8 +9,14 @@ from monitor.judge.drift.noise.shrinkage import shrunk
 from monitor.recording import Array
 
 RECENT_REPLAYS = 15.0  # memory of the present noise: six joints then tell its variance to 13 %
+RISING_REPLAYS = 8.0  # the same while it rises: noise that grows, as in every autumn, raises alerts as long as it is taken for what it was
+STEADY = 1.10  # activity of noise that does not change, by the two memories: 1.14 where it is Gaussian, 0.94 where it is t₃
 LARGEST_SQUARE = 9.0  # [γ₁] one replay of a joint says no more about the present noise
 QUIETER = 4.0  # times the variance of chance that weeks of less noise must exceed: noise taken for too small raises alerts
+# Times the relative variance of that estimate: by so much its variance is larger at a threshold. Noise that is taken for too small by chance
+# raises more alerts than noise taken for too large avoids. With threshold z², E[exp(−z²/2·(1 + e))] of an error e of variance v is
+# exp(−z²/2·(1 − z²·v/4)), so z²/4 of 5.15² keeps them as rare as if the variance were known.
+UNSURE = 6.5
 DIFFERENCES = 3.0  # variance of a mean of n half squared differences of successive noises, times n, over γ₁² (von Neumann, 1941)
 ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints
 
@@ -48,13 +54,15 @@ def follow(activity: Array, square: Array, joints_per_arm: int) -> Array:
     mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(number, 1)
     before = activity.reshape(-1, joints_per_arm)[:, 0]
     # as many joints as replayed say something
-    return np.repeat(before + (mean - before) * number / (joints_per_arm * RECENT_REPLAYS), joints_per_arm)
+    memory = np.where(mean > before, RISING_REPLAYS, RECENT_REPLAYS)
+    return np.repeat(before + (mean - before) * number / (joints_per_arm * memory), joints_per_arm)
 
 
 def present(activity: Array, joints_per_arm: int) -> Array:
     """(N,) factor of the usual variance at present: 1 unless the last weeks differ from it by more than chance (James and Stein, 1961)."""
     chance = DIFFERENCES / (joints_per_arm * 2.0 * RECENT_REPLAYS)
-    away = activity - 1.0
+    away = activity / STEADY - 1.0
     clear = np.where(away < 0.0, QUIETER, 1.0) * chance
-    factor: Array = 1.0 + away * np.maximum(1.0 - clear / np.maximum(away**2, 1e-12), 0.0)
+    believed = np.maximum(1.0 - clear / np.maximum(away**2, 1e-12), 0.0)
+    factor: Array = (1.0 + away * believed) * (1.0 + UNSURE * chance * believed**2)
     return factor

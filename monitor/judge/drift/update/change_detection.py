@@ -25,7 +25,8 @@ from monitor.judge.drift.update.innovation import Gate, Innovation
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
-CLIPPED_OUTLIER = 1.0  # [σ] an outlier counts for a change with no more than this; several in a row on one side count in full
+# [σ] an outlier counts for a change with less the further out it is, and with no less than this; several in a row on one side count in full
+CLIPPED_OUTLIER = 1.0
 STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
@@ -95,12 +96,16 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int) -> ChangeBank:
+def advance_bank(
+    state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings
+) -> ChangeBank:
     """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
     bank = add_candidates(state, innovation.resolved)
     nu, S = innovation.value, innovation.var
     G = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
-    limit = np.where(gate.gated, CLIPPED_OUTLIER, counted_sigma(state.outliers, state.replays, joints_per_arm)) * np.sqrt(S)
+    most = counted_sigma(state.outliers, state.replays, joints_per_arm)
+    beyond = np.abs(innovation.normalised) - settings.gate_sigma
+    limit = np.where(gate.gated, np.clip(most - beyond, CLIPPED_OUTLIER, most), most) * np.sqrt(S)
     clipped = np.clip(nu, -limit, limit)
     counts = innovation.resolved & ~innovation.settling
     gain = np.where(counts[:, None, None], G / S[:, None, None], 0.0)

@@ -57,7 +57,7 @@ def update_filter(
     var = state.noise_var(joints_per_arm, settings, rho)
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
-    bank = advance_bank(state, innovation, gate, joints_per_arm)
+    bank = advance_bank(state, innovation, gate, joints_per_arm, settings)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)

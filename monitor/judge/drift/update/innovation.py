@@ -9,6 +9,7 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
 
+BLIND_ALIKE = 30.0  # successive replays without a temperature, which all miss the same season and weather: together they say what one does
 SETTLING_SHARE = 2.0  # the level's variance over that of noise, above which an innovation is no evidence of noise or of changes
 
 
@@ -43,19 +44,20 @@ def innovate(state: FilterState, observation: Observation, slot: Array, noise_va
     sensed = np.isfinite(observation.temperature_c)
     t = np.where(sensed, observation.temperature_c - state.origin_c, 0.0)
     warming = np.where(np.isfinite(observation.warming_k_per_min), observation.warming_k_per_min, 0.0)
-    blind = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
     # a joint that warms fast has no single temperature: the lag that the filter estimates is wrong by a third at most
     uneven = (settings.uneven_share * state.mean[:, LAG] * saturating(warming)) ** 2
-    within = np.where(resolved, observation.variance + settings.between_floor**2 + uneven + np.where(sensed, 0.0, blind), 1.0)
     y = np.where(resolved, observation.log_torque, 0.0)
 
     H = state.row(t, warming, slot)
     nu = y - np.einsum("na,na->n", H, state.mean)
     PH = np.einsum("nab,nb->na", state.cov, H)
-    S = np.einsum("na,na->n", H, PH) + within
-    quiet = noise_var + within
+    explained = np.einsum("na,na->n", H, PH)
     shared = PH[:, NOISE] - state.cov[:, NOISE, NOISE]
-    level_var = S - within - 2.0 * shared - state.cov[:, NOISE, NOISE]
+    level_var = explained - 2.0 * shared - state.cov[:, NOISE, NOISE]
+    missed = np.where(sensed, 0.0, blind_var(state, level_var, settings))
+    within = np.where(resolved, observation.variance + settings.between_floor**2 + uneven + missed, 1.0)
+    S = explained + within
+    quiet = noise_var + within
     return Innovation(
         resolved=resolved,
         sensed=sensed,
@@ -70,6 +72,17 @@ def innovate(state: FilterState, observation: Observation, slot: Array, noise_va
         shared=shared,
         settling=level_var > SETTLING_SHARE * quiet,
     )
+
+
+def blind_var(state: FilterState, level_var: Array, settings: DriftSettings) -> Array:
+    """(N,) variance of log F of a replay whose temperature is unknown.
+
+    The replays of a season miss the same temperature, so their errors do not average out. The first one of a joint that is hardly known says
+    what it can; where the level is better known than that, `BLIND_ALIKE` of them say what one does.
+    """
+    one = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+    new = 1.0 - one / np.maximum(level_var, 1e-12)  # of a first replay that leaves the level as uncertain as one replay does
+    return one / np.clip(new, 1.0 / BLIND_ALIKE, 1.0)
 
 
 def gate_outliers(state: FilterState, innovation: Innovation, settings: DriftSettings) -> Gate:

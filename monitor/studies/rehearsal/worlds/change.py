@@ -156,6 +156,24 @@ class SensorShift:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSilence:
+    """The temperature of one joint of each arm is unknown for weeks, once or several times: a broken wire, and the wait for the part."""
+
+    weeks: tuple[float, float] = (4.0, 12.0)
+    times: int = 3
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Where it is unknown, the sensor's error is; friction is as before."""
+        arms, t = shape[1], days_of(shape)
+        here = np.arange(shape[2]) == rng.integers(0, shape[2], arms)[:, None]
+        silent = np.zeros((shape[0], arms, 1), dtype=bool)
+        for _ in range(self.times):
+            start = rng.uniform(60.0, max(shape[0] - 60.0, 61.0), (arms, 1))
+            silent |= (t >= start) & (t < start + 7.0 * rng.uniform(*self.weeks, (arms, 1)))
+        return Factors(sensor_k=np.where(silent & here, np.nan, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
     """An undeclared payload, by default of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow.
 

@@ -12,6 +12,7 @@ from monitor.studies.rehearsal.worlds.change import (
     RunningIn,
     Sawtooth,
     SensorShift,
+    SensorSilence,
     Telegraph,
     Wandering,
     Weekday,
@@ -269,6 +270,7 @@ _OTHERS = (
         goal=Goal(false=0.3),
     ),
     World(name="sensor-2k", sentence="the temperature sensor of one joint reads 2 K too much from one day on", changes=(SensorShift(),)),
+    World(name="sensor-silent", sentence="the temperature of one joint is unknown for weeks, three times", changes=(SensorSilence(),)),
     World(
         name="payload-forgotten",
         sentence="0.5 kg mounted in the sixth month and never declared; wear begins a year later",
