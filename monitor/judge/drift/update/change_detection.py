@@ -163,13 +163,13 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
 def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, noise_var: Array) -> np.ndarray:
     """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
 
-    After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so the
-    differences of a step's scores are the outliers themselves.
+    After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so a
+    step would be in each of them in full, and a start's score is that of the next younger one and ν/S of its own replay.
     """
-    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE).astype(int)  # (N,) replays after the first
-    raw = bank.raw_glr_score_now[:, 0]
-    total = raw[row, longer] * innovation.var
-    first = total - raw[row, longer - 1] * innovation.var
+    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
+    score, information = (np.diff(each[:, 0, :DENSE], axis=1, prepend=0.0) for each in (bank.raw_glr_score_now, bank.information_now))
+    each = score / np.maximum(information, 1e-12)  # (N, DENSE) ν, youngest first: every replay has an S of its own
+    total, first = np.cumsum(each, axis=1)[row, longer], each[row, longer]
     new = (total - first) - rho * (total - innovation.value)
     var = (1.0 - rho**2) * noise_var + (1.0 + rho**2) * innovation.within_var
     stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(longer * var)
@@ -316,7 +316,7 @@ def change_posterior(
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
     information = bank.information[n].reshape(-1, M)  # (n, M)
     precision = information + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)
-    weight = candidate_weights(ratios[n].reshape(-1, M), precision, bank.ages[n], prior_std)
+    weight = candidate_weights(ratios[n].reshape(-1, M), information, precision, bank.ages[n], prior_std)
     # where innovations were clipped, the size lies between the clipped and the full estimate
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, bank.raw_glr_score[n].reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
@@ -360,13 +360,15 @@ def to_levels(g: Array, common: np.ndarray) -> tuple[Array, Array]:
     return moved, wear
 
 
-def candidate_weights(ratio: Array, precision: Array, ages: Array, prior_std: Array) -> Array:
+def candidate_weights(ratio: Array, information: Array, precision: Array, ages: Array, prior_std: Array) -> Array:
     """(n, M) posterior probability of each candidate, given that one of those with a positive ratio is true.
 
-    ratio, precision : (n, M); ages : (n, W); prior_std : (M,). A candidate stands for every start up to the next older one.
+    ratio, information, precision : (n, M); ages : (n, W); prior_std : (M,). A candidate stands for every start up to the next older one.
+
+    What the replays say little of, as of a change that began with the baseline, has the evidence of a size that the prior allows.
     """
     span = np.tile(np.diff(ages, axis=1, append=ages[:, -1:] + 1.0), KINDS)
-    evidence = 0.5 * ratio + np.log(np.maximum(span, 1.0) / np.sqrt(precision)) - np.log(prior_std)
+    evidence = 0.5 * ratio * information / precision + np.log(np.maximum(span, 1.0) / np.sqrt(precision)) - np.log(prior_std)
     evidence += np.repeat([0.0, math.log(RATES_PER_STEP)], WINDOW)
     evidence = np.where(ratio > 0, evidence, -np.inf)
     weight = np.exp(evidence - evidence.max(axis=1, keepdims=True))
