@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.alerts.wear_paths import FAMILIES, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
+from monitor.judge.alerts.wear_paths import FAMILIES, FAMILY_PRIOR, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
 from monitor.judge.drift.filter_state import RATE, SURE_SIGMAS, FilterState
 from monitor.judge.drift.prior import LIFE_RISE, OF_WEAR, SHARES, WearPrior
 from monitor.judge.drift.settings import DriftSettings
@@ -54,7 +54,7 @@ def learn_wear(joints: Sequence[Joint], drift: DriftSettings) -> WearPrior | Non
     if len(courses) < LEAST_WORN:
         return None
     family = float(np.log(LIFE_RISE / drift.unseen_pace_std_per_day))
-    usual = np.array([share for _, share in FAMILIES])
+    usual = np.array(FAMILY_PRIOR)
     shares, mean, var, of_fleet = usual, family, FAMILY_SPREAD**2, 0.0
     for _ in range(ROUNDS):
         told = sum((_told(course, np.log(shares / usual), mean, var) for course in courses), np.zeros(5))
@@ -86,7 +86,7 @@ def _course(paths: WearPaths) -> _Course:
     slope = elasticity(shape, paths.since, life)
     # the density that was expected of the logarithm of this life, by that of the rise
     expected = -0.5 * (rise / RISE_STD) ** 2 + np.log(2.0 / RISE_STD * slope * rise)
-    family = np.argmax(np.stack([of[shape] for of, _ in FAMILIES]), axis=0)
+    family = np.argmax(np.stack([of[shape] for of in FAMILIES]), axis=0)
     return _Course(np.log(paths.weight) - expected, family, np.log(life), paths.cov[:, 2, 2] / (slope * rise) ** 2)
 
 

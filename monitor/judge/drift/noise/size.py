@@ -13,9 +13,9 @@ RISING_REPLAYS = 8.0  # the same while it rises: noise that grows, as in every a
 STEADY = 1.10  # activity of noise that does not change, by the two memories: 1.14 where it is Gaussian, 0.94 where it is t₃
 LARGEST_SQUARE = 9.0  # [γ₁] one replay of a joint says no more about the present noise
 QUIETER = 4.0  # times the variance of chance that weeks of less noise must exceed: noise taken for too small raises alerts
-# Times the relative variance of that estimate: by so much its variance is larger at a threshold. Noise that is taken for too small by chance
-# raises more alerts than noise taken for too large avoids. With threshold z², E[exp(−z²/2·(1 + e))] of an error e of variance v is
-# exp(−z²/2·(1 − z²·v/4)), so z²/4 of 5.15² keeps them as rare as if the variance were known.
+# Times the relative variance of that estimate: by so much noise is taken for larger. Noise that is taken for too small by chance raises
+# more alerts than noise taken for too large avoids: with a threshold z², E[exp(−z²/2·(1 + e))] of an error e of variance v is
+# exp(−z²/2·(1 − z²·v/4)). So z²/4 of 5.15² keeps alerts as rare as if the variance were known.
 UNSURE = 6.5
 DIFFERENCES = 3.0  # variance of a mean of n half squared differences of successive noises, times n, over γ₁² (von Neumann, 1941)
 ALIKE_VAR, ALIKE_JOINTS = 0.1, 2.0  # prior variance of log γ₁ between the joints of an arm, and its weight in joints

@@ -96,9 +96,7 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(
-    state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings
-) -> ChangeBank:
+def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings) -> ChangeBank:
     """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
     bank = add_candidates(state, innovation.resolved)
     nu, S = innovation.value, innovation.var

@@ -77,11 +77,11 @@ def innovate(state: FilterState, observation: Observation, slot: Array, noise_va
 def blind_var(state: FilterState, level_var: Array, settings: DriftSettings) -> Array:
     """(N,) variance of log F of a replay whose temperature is unknown.
 
-    The replays of a season miss the same temperature, so their errors do not average out. The first one of a joint that is hardly known says
-    what it can; where the level is better known than that, `BLIND_ALIKE` of them say what one does.
+    The replays of a season miss the same temperature, so their errors do not average out. The first one of a joint that is hardly known
+    says what it can; where the level is better known than that, `BLIND_ALIKE` of them say what one does.
     """
     one = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
-    new = 1.0 - one / np.maximum(level_var, 1e-12)  # of a first replay that leaves the level as uncertain as one replay does
+    new = 1.0 - one / np.maximum(level_var, 1e-12)  # so that the level is as uncertain afterwards as one such replay leaves it
     return one / np.clip(new, 1.0 / BLIND_ALIKE, 1.0)
 
 
