@@ -169,8 +169,9 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, nois
     each = score / np.maximum(information, 1e-12)  # (N, DENSE) ν, youngest first: every replay has an S of its own
     total, first = np.cumsum(each, axis=1)[row, longer], each[row, longer]
     new = (total - first) - rho * (total - innovation.value)
-    var = (1.0 - rho**2) * noise_var + (1.0 + rho**2) * innovation.within_var
-    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(longer * var)
+    # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
+    var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
+    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(var)
     return stay
 
 
