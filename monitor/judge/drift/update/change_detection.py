@@ -165,9 +165,9 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, nois
     step would be in each of them in full, and a start's score is that of the next younger one and ν/S of its own replay.
     """
     row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
-    score, information = (np.diff(each[:, 0, :DENSE], axis=1, prepend=0.0) for each in (bank.raw_glr_score_now, bank.information_now))
-    each = score / np.maximum(information, 1e-12)  # (N, DENSE) ν, youngest first: every replay has an S of its own
-    total, first = np.cumsum(each, axis=1)[row, longer], each[row, longer]
+    score, information = (np.diff(sums[:, 0, :DENSE], axis=1, prepend=0.0) for sums in (bank.raw_glr_score_now, bank.information_now))
+    nu = score / np.maximum(information, 1e-12)  # (N, DENSE) youngest first: every replay has an S of its own
+    total, first = np.cumsum(nu, axis=1)[row, longer], nu[row, longer]
     new = (total - first) - rho * (total - innovation.value)
     # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
     var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
