@@ -21,7 +21,7 @@ from monitor.judge.drift.channels.state import ChannelState
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
-from monitor.judge.drift.noise.size import alike, present
+from monitor.judge.drift.noise.size import STEADY, alike, present
 from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
@@ -234,7 +234,7 @@ def initial_filter(
         step_var=var * (1.0 - rho),
         product=var * rho,
         noise_weight=np.full(N, settings.between_replays),
-        activity=np.ones(N),
+        activity=np.full(N, STEADY),
         residual=unknown,
         consistency=np.ones(N),
         innovation=unknown,

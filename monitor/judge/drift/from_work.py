@@ -26,6 +26,7 @@ from monitor.judge.drift.filter_state import (
     FilterState,
     interval_growth,
 )
+from monitor.judge.drift.noise.size import STEADY
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.two_sources import EXTRA_STATES, TwoSources
@@ -60,7 +61,7 @@ def begin_work(state: FilterState, joints_per_arm: int, settings: DriftSettings)
         other_step_var=var * (1.0 - rho),
         other_product=var * rho,
         other_noise_weight=np.full(N, settings.between_replays / joints_per_arm),
-        other_activity=np.ones(N),
+        other_activity=np.full(N, STEADY),
         other_residual=np.full(N, np.nan),
         other_gate_run=zero,
         coldest_c=np.full(N, np.nan),
