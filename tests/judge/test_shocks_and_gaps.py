@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_noise import correlated
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
@@ -16,14 +17,9 @@ J, FALL_PER_K = 6, 0.008
 DRIFT, LAWS, HEALTH = DriftSettings(), TemperatureSettings(), HealthSettings()
 
 
-def noise(seed: int, days: int, arms: int, *, rho: float | Array, std: float = 0.02) -> Array:
-    """(days, A·J) first-order autoregression; rho : of all joints, or of each (A·J,)."""
-    rng = np.random.default_rng(seed)
-    shocks = rng.normal(size=(days, arms * J))
-    each = shocks.copy()
-    for day in range(1, days):
-        each[day] = rho * each[day - 1] + np.sqrt(1.0 - rho**2) * shocks[day]
-    return std * each
+def noise(seed: int, days: int, arms: int, *, rho: float | Array) -> Array:
+    """(days, A·J) noise of 2 %; rho : of all joints, or of each (A·J,)."""
+    return correlated(np.random.default_rng(seed), days, arms * J, std=0.02, rho=rho)
 
 
 def lived(log_torque: Array, temperature_c: Array | None = None, unknown: np.ndarray | None = None) -> tuple[Array, Array, np.ndarray]:

@@ -31,7 +31,7 @@ SLOWING, STRAIGHT = POWERS < 1.0, (POWERS == 1.0) & (GROWTHS == 0.0)
 ACCELERATING = ~(SLOWING | STRAIGHT)
 # Weight of each shape within its family. A path that has hardly accelerated so far is like a straight one that began later; with even
 # weights, such shapes made the date of exponential wear a quarter too late in the median, and missed a fifth to a third of such lives.
-SHARES = np.array([*[1.0] * 4, 0.4, 0.7, 1.0, 0.3, 0.7, 1.0, *[1.3] * 4])
+SHAPE_WEIGHTS = np.array([*[1.0] * 4, 0.4, 0.7, 1.0, 0.3, 0.7, 1.0, *[1.3] * 4])
 # Prior of the three families, spread over their shapes. Wear that settles rises with the root of time, steady wear along a straight
 # line, and towards the end of a gear's life it accelerates (the three phases of a wear curve). Before the curvature shows, the dangerous
 # error is to miss the last: it has half of the weight or more.
@@ -182,7 +182,9 @@ class _Expected(NamedTuple):
 def shape_prior(families: tuple[float, float, float]) -> Array:
     """The probability of each shape, from those of slowing, straight and accelerating paths."""
     of_families = zip(FAMILIES, families, strict=True)
-    each: Array = np.sum([probability * SHARES * family / (SHARES * family).sum() for family, probability in of_families], axis=0)
+    each: Array = np.sum(
+        [probability * SHAPE_WEIGHTS * family / (SHAPE_WEIGHTS * family).sum() for family, probability in of_families], axis=0
+    )
     return each
 
 

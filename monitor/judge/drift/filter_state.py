@@ -176,6 +176,11 @@ class FilterState:
         slope: Array = self.mean[:, SLOPE] - 2.0 * self.mean[:, CURVE] * (temperature_c - self.origin_c)
         return slope
 
+    def missed_var(self, settings: DriftSettings) -> Array:
+        """(N,) variance of log F that an unknown temperature leaves in one replay."""
+        var: Array = (self.mean[:, SLOPE] ** 2 + self.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+        return var
+
     def reference_row(self, temperature_c: Array, slot: Array) -> Array:
         """(N, S) H of `reference`: wear included, noise left out."""
         return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)

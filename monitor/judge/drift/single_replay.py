@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, saturating
+from monitor.judge.drift.filter_state import LAG, NOISE, saturating
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
@@ -24,9 +24,8 @@ def single_torque_nm(state: DriftState, observation: Observation, settings: Drif
     way = here - joints.row(T0 - joints.origin_c, np.zeros(state.joints), state.slot)  # (N, S): level, wear and noise cancel
     assert not way[:, NOISE].any()
     y = observation.log_torque - np.einsum("ja,ja->j", way, joints.mean)
-    blind = (joints.mean[:, SLOPE] ** 2 + joints.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
     noise = joints.noise_var(state.joints_per_arm, settings)
-    var = observation.variance + settings.between_floor**2 + noise + np.where(sensed, 0.0, blind)
+    var = observation.variance + settings.between_floor**2 + noise + np.where(sensed, 0.0, joints.missed_var(settings))
     var = var + np.einsum("ja,jab,jb->j", way, joints.cov, way) + (settings.uneven_share * joints.mean[:, LAG] * saturating(warming)) ** 2
     torque: Array = np.exp(y)
     return torque, torque * np.sqrt(np.maximum(var, 0.0))

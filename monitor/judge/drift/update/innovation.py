@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LAG, NOISE, SLOPE, FilterState, saturating
+from monitor.judge.drift.filter_state import LAG, NOISE, FilterState, saturating
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
@@ -80,7 +80,7 @@ def blind_var(state: FilterState, level_var: Array, settings: DriftSettings) -> 
     The replays of a season miss the same temperature, so their errors do not average out. The first one of a joint that is hardly known
     says what it can; where the level is better known than that, `BLIND_ALIKE` of them say what one does.
     """
-    one = (state.mean[:, SLOPE] ** 2 + state.cov[:, SLOPE, SLOPE]) * settings.unknown_temperature_std_k**2
+    one = state.missed_var(settings)
     new = 1.0 - one / np.maximum(level_var, 1e-12)  # so that the level is as uncertain afterwards as one such replay leaves it
     return one / np.clip(new, 1.0 / BLIND_ALIKE, 1.0)
 
