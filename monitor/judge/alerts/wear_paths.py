@@ -31,11 +31,11 @@ SLOWING, STRAIGHT = POWERS < 1.0, (POWERS == 1.0) & (GROWTHS == 0.0)
 ACCELERATING = ~(SLOWING | STRAIGHT)
 # Weight of each shape within its family. A path that has hardly accelerated so far is like a straight one that began later; with even
 # weights, such shapes made the date of exponential wear a quarter too late in the median, and missed a fifth to a third of such lives.
-SHAPE_WEIGHTS = np.array([*[1.0] * 4, 0.4, 0.7, 1.0, 0.3, 0.7, 1.0, *[1.3] * 4])
+SHAPE_WEIGHTS = np.array([*[1.0] * 4, 0.25, 0.5, 0.8, 0.2, 0.6, 1.0, 1.4, 1.4, 1.3, 1.3])
 # Prior of the three families, spread over their shapes. Wear that settles rises with the root of time, steady wear along a straight
 # line, and towards the end of a gear's life it accelerates (the three phases of a wear curve). Before the curvature shows, the dangerous
 # error is to miss the last: it has half of the weight or more.
-FAMILIES, FAMILY_PRIOR = (SLOWING, STRAIGHT, ACCELERATING), (0.2, 0.15, 0.65)
+FAMILIES, FAMILY_PRIOR = (SLOWING, STRAIGHT, ACCELERATING), (0.2, 0.14, 0.66)
 LEAST_RISE_STD = 0.002  # of an expected rise, a fraction of friction: no path is known better
 # Prior probability that a joint wears otherwise than its fleet, where a fleet's prior is set. With 0.4, P50 of joints of the fleet is as
 # good as with 0.1, and a joint that accelerates in a fleet that does not is dated in time.
@@ -43,15 +43,17 @@ OTHERS = 0.4
 ONSETS = 32  # of the grid, evenly over the history
 STEPS_PER_BLOCK = 2  # days at which friction may have stepped
 LIKELY_STEPS = 8  # of these, the likeliest along a straight path are tried with every path
-STEP_PROBABILITY = 0.25  # prior, as RATES_PER_STEP of the change bank has it
+STEP_PROBABILITY = 0.15  # prior, of a step beside the path
 STEP_STD = 0.1  # prior of S, a fraction of friction …
 RISE_STD = 0.3  # … of the rise C·g so far …
 LEVEL_STD = 0.5  # … and of A, around 1
 OTHER_LEVEL_STD = 1.0  # [log] of a level in another context than the one in force
-RUNNING_IN_DAYS = (20.0, 60.0)  # friction of a new joint falls with such time constants …
-RUNNING_IN_STD = 0.01  # … by such a fraction each: a larger fall is found, and the history begins anew with it
+RUNNING_IN_DAYS = (20.0, 60.0)  # friction of a new joint falls with such time constants; a large fall is found, and the history begins anew
 SLOW_DAYS = 100.0  # [d] correlation time of what friction does beside its wear and its daily noise
-SLOW_STDS = ((0.0, 0.8), (0.005, 0.1), (0.01, 0.06), (0.02, 0.04))  # its standard deviation, a fraction, and prior: the blocks show which
+# What friction may do beside its wear and its noise, of which the blocks show which it is: standard deviations, fractions, of a slow course
+# and of each fall of running-in, and prior. Few joints run in when they are taught, and to doubt all of them made every interval a third
+# wider than the joints needed that do not.
+BESIDE = ((0.0, 0.0, 0.8), (0.0, 0.015, 0.12), (0.005, 0.0, 0.04), (0.01, 0.0, 0.02), (0.02, 0.0, 0.02))
 NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
 FEWEST_BLOCKS = 8  # fewer show no path …
 LEAST_DAYS = 5.0  # [usual days] … and so does less work
@@ -100,7 +102,7 @@ class _Blocks(NamedTuple):
     age: Array  # [d]
     width: Array  # [usual days]
     friction: Array  # z, over the friction that the filter expects without wear
-    cov: Array  # (B, B) of z, without what is slow
+    cov: Array  # (B, B) of z, without what is slow and without running-in
 
 
 def wear_paths(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> WearPaths | None:
@@ -153,9 +155,6 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
     var, rho = float(state.noise_var(joints_per_arm, settings, each_rho)[n]), float(each_rho[n])
     V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
     V += rows @ doubt @ rows.T
-    for tau in RUNNING_IN_DAYS:
-        new = np.exp((sums[:, AGE] - sums[:, AGE].max()) / tau)
-        V += RUNNING_IN_STD**2 * new[:, None] * new
     V *= friction[:, None] * friction
     work_per_replay = sums[-1, WORK_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
     return _Blocks(sums[:, WORK_AGE], sums[:, AGE], np.maximum(count * work_per_replay, 1e-3), friction, V)
@@ -205,7 +204,7 @@ def _expected(shape: np.ndarray, since: Array, fleet: WearPrior | None) -> list[
 
 
 def _fit(blocks: _Blocks, fleet: WearPrior | None) -> WearPaths:
-    """The mixture over shapes, onsets, steps and the size of slow noise."""
+    """The mixture over shapes, onsets, steps and what friction does beside its wear."""
     age, width, oldest = blocks.work_age, blocks.width, float(blocks.work_age.max())
     shape = np.repeat(np.arange(len(POWERS)), ONSETS)  # (P,)
     since: Array = np.tile(oldest * (np.arange(ONSETS) + 0.5) / ONSETS, len(POWERS))  # (P,)
@@ -214,15 +213,18 @@ def _fit(blocks: _Blocks, fleet: WearPrior | None) -> WearPaths:
     step_age = np.interp(np.arange(STEPS_PER_BLOCK * len(age)) / STEPS_PER_BLOCK, np.arange(len(age)) + 0.5, age)
     stepped = np.clip((step_age - age[:, None]) / width[:, None] + 0.5, 0.0, 1.0)  # (B, steps) share of each block since the step
     columns = np.concatenate([np.ones((len(age), 1)), blocks.friction[:, None] - 1.0, stepped, grown], axis=1)
-    slow = np.exp(-np.abs(blocks.age[:, None] - blocks.age) / SLOW_DAYS) * blocks.friction[:, None] * blocks.friction
+    squared = blocks.friction[:, None] * blocks.friction
+    slow = np.exp(-np.abs(blocks.age[:, None] - blocks.age) / SLOW_DAYS) * squared
+    new = np.exp((blocks.age - blocks.age.max()) / np.array(RUNNING_IN_DAYS)[:, None])  # (2, B)
+    running_in = new.T @ new * squared
     parts, courses = [], _expected(shape, since, fleet)
-    for std, probability in SLOW_STDS:
-        root = np.linalg.cholesky(blocks.cov + std**2 * slow)
+    for slow_std, running_in_std, probability in BESIDE:
+        root = np.linalg.cholesky(blocks.cov + slow_std**2 * slow + running_in_std**2 * running_in)
         white = scipy.linalg.solve_triangular(root, columns, lower=True)
         for expected in courses:
             mean, cov, evidence = _with_steps(white, stepped.shape[1], STRAIGHT[shape], expected.rise)
             parts.append((mean, cov, evidence + expected.shape + np.log(probability) - np.sum(np.log(np.diag(root)))))
-    mean, cov, evidence = (np.concatenate(each) for each in zip(*parts, strict=True))  # (4·K, P, …)
+    mean, cov, evidence = (np.concatenate(each) for each in zip(*parts, strict=True))  # (5·K, P, …)
     order = np.argsort(evidence, axis=None)[::-1]
     weight = np.exp(evidence.ravel()[order] - evidence.max())
     likely = order[: np.searchsorted(np.cumsum(weight) / weight.sum(), KEPT) + 1]
