@@ -131,6 +131,7 @@ def learn(
         replaced=change.replaced,
         worked=moved.worked,
         undeclared=np.array([undeclared.withheld]),
+        same_mass=np.array([undeclared.same_mass]),
         revolutions=_revolutions(belief, context),
     )
     result = step(belief.drift_state, replay, settings, laws)

@@ -17,6 +17,7 @@ from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
+from monitor.judge.drift import undeclared_change
 from monitor.judge.drift.undeclared_change import (
     GAINS,
     PAYLOAD,
@@ -236,6 +237,19 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
     assert alert.text.endswith(told)
     assert with_level.health.state == "CHECK_FUNCTION"
     assert {joint.state for joint in with_level.health.joints} == {"NORMAL"}
+
+
+@pytest.mark.parametrize("weighed", [True, False])
+def test_shoulder_and_elbow_that_wear_alike_are_told_where_weighing_excludes_a_payload(monkeypatch, weighed):
+    """Both rise by 6 % at one replay, as with a payload; the weights as before say that it is wear, told within 25 days."""
+    if not weighed:
+        monkeypatch.setattr(undeclared_change, "FRICTION_MASS_KG", 0.0)
+    history = History()
+    for day in range(85):
+        wear = np.array([0, 0.06, 0.06, 0, 0, 0]) * (day >= 60)
+        history.add(day, carrying(Arm(seed=day, noise=0.015).replay(30.0, wear), 0.0))
+    told = {joint for _, event, joint, _, _ in history.transitions if event == "raised"}
+    assert told == ({2, 3} if weighed else {None})
 
 
 def test_wear_beside_a_payload_that_nobody_declares_is_found(with_level):

@@ -81,6 +81,7 @@ class Replay:
     replaced: np.ndarray | None = None  # (N,) joints that were replaced since the last replay; None: none
     worked: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
     undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
+    same_mass: np.ndarray | None = None  # (A,) whether the arm was weighed, and carries what it did before; None: nobody weighed
     revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
     from_work: bool = False  # it is no replay, but an observation from the arms' ordinary work; `opened`: work in another context
 
@@ -105,6 +106,7 @@ class JointReplay(NamedTuple):
     replaced: np.ndarray
     worked: np.ndarray
     undeclared: np.ndarray
+    same_mass: np.ndarray
     revolutions: Array
 
 
@@ -223,8 +225,9 @@ def update_by_replay(state: DriftState, joint: JointReplay, observation: Observa
     """The filter state updated by a replay, which confirms or contradicts what work alone has found since the last one."""
     joints, J = state.filter_state, state.joints_per_arm
     if joints.sources is None:
-        return update_filter(joints, observation, state.slot, J, drift)
-    updated = update_filter(arbitrate(joints, observation, state.slot, J, drift), observation, state.slot, J, drift)
+        return update_filter(joints, observation, state.slot, J, drift, same_mass=joint.same_mass)
+    before = arbitrate(joints, observation, state.slot, J, drift)
+    updated = update_filter(before, observation, state.slot, J, drift, same_mass=joint.same_mass)
     return confirmed(observed(updated, joint.replayed, updated.learnt_from, J), joint.replayed & updated.learnt_from)
 
 
@@ -250,6 +253,7 @@ def per_joint(state: DriftState, replay: Replay) -> JointReplay:
         replaced=here & (np.zeros(N, dtype=bool) if replay.replaced is None else replay.replaced),
         worked=np.zeros(N, dtype=bool) if replay.worked is None else replay.worked,
         undeclared=of_arms(replay.undeclared, False),
+        same_mass=of_arms(replay.same_mass, False),
         revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
     )
 

@@ -29,6 +29,7 @@ MEMORY = 50.0  # [replays] over which mean and scatter are averaged
 EXPLAINED = 0.6  # share of the squared difference that a mass at the flange must explain to be called a payload
 PRIOR_SCATTER = 2.0  # of replays beyond the covariance within them, as variance: this before replays have shown it
 LEAST_EIGENVALUE = 1e-9  # of the correlation matrix of the weights: it may be singular to rounding
+FRICTION_MASS_KG = 0.3  # a mass at the flange that changes friction of shoulder and elbow as wear does: less is hardly found as a change
 MASS_PARAMETERS = 4  # m, mx, my, mz of the last link: what a mass at the flange changes
 
 
@@ -40,6 +41,7 @@ class UndeclaredChange(NamedTuple):
     kg: float | None = None  # mass at the flange beyond that of the replays before; None where no mass explains it
     own_level: bool = False  # whether the replay belongs to a level of friction of its own, see `undeclared_level`
     begins: bool = False  # whether that level begins with this replay
+    same_mass: bool = False  # whether the weights would have shown a mass that friction shows, and did not
 
     @property
     def withheld(self) -> bool:
@@ -152,7 +154,13 @@ def compare_weights(
     chi2 = together.chi2 / max(estimate.scatter, 1.0)
     if chi2 > _chi2_limit(together.degrees, sigma):
         return _gains(np.sqrt(chi2 / together.degrees), _worst(fit, known, normalised))
-    return NO_UNDECLARED_CHANGE
+    return NO_UNDECLARED_CHANGE._replace(same_mass=_mass_std_kg(X) * sigma <= FRICTION_MASS_KG)
+
+
+def _mass_std_kg(X: Array) -> float:
+    """Standard deviation of a mass at the flange whose place is unknown; X : (K, 4) what m, mx, my, mz add, in standard deviations."""
+    std = math.sqrt(float(np.linalg.pinv(X.T @ X, hermitian=True)[0, 0]))
+    return std if std > 0.0 else math.inf  # 0: the motion does not show it
 
 
 def _worst(fit: RigidFit, known: np.ndarray, normalised: Array) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.judge.document import entry
 from monitor.judge.drift.undeclared_change import (
-    NO_UNDECLARED_CHANGE,
     PAYLOAD,
     MassEstimate,
     RigidFit,
@@ -65,7 +64,7 @@ def weigh(weights: Weights, fit: RigidFit, at_unix_s: float, *, sigma: float, ma
         level = level._replace(estimate=update_mass_estimate(level.estimate, fit))
         return Weighed(weights._replace(level=level), _standing(level, declared_kg))
     if found.condition is None:
-        return Weighed(weights._replace(declared=update_mass_estimate(weights.declared, fit, left)), NO_UNDECLARED_CHANGE)
+        return Weighed(weights._replace(declared=update_mass_estimate(weights.declared, fit, left)), found)
     before = weights.candidate
     agree = before is not None and before.condition == found.condition and _is_of(before, fit, sigma=sigma, mass_kg=mass_kg)
     estimate = update_mass_estimate(before.estimate if agree and before is not None else None, fit)

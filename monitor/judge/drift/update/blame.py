@@ -21,17 +21,25 @@ LOAD_MOST = 0.07  # [log] largest change that is taken for one of load: a tool t
 
 
 def common_changes(
-    found: np.ndarray, relative: Array, glr_score: Array, expected: Array, wear: Array, usable: np.ndarray, joints_per_arm: int
+    found: np.ndarray,
+    relative: Array,
+    glr_score: Array,
+    expected: Array,
+    wear: Array,
+    usable: np.ndarray,
+    joints_per_arm: int,
+    same_mass: np.ndarray | None = None,
 ) -> np.ndarray:
     """(N,) joints of arms whose detected change is one of most joints, those included in which it was not detected yet.
 
     found : (N,) joints with a change detected now. relative : (N, 2, W) each candidate's likelihood ratio over its threshold. glr_score,
     expected : (N, 2, W) its score, and the mean square of that where nothing changed. wear : (N, 2, W) [log] that a score of 1 stands for.
-    usable : (N,) whether this replay and its bank say something of the joint.
+    usable : (N,) whether this replay and its bank say something of the joint. same_mass : (N,) whether the arm was weighed and carries
+    what it did before; None: no arm was weighed.
 
     The kind and the age are those of the arm's clearest change; its sign gives the side. Of the joints, the strongest third does not count,
     so that one or two joints that wear do not make it common. A small change of shoulder and elbow at one time is what a payload makes: the
-    other joints hardly show it.
+    other joints hardly show it. Where weighing excludes a payload, it is wear of both.
     """
     J = joints_per_arm
     common = np.zeros(len(found), dtype=bool)
@@ -58,7 +66,8 @@ def common_changes(
     pooled = np.where(counts, np.where(np.isfinite(weakest), weakest, 0.0), 0.0).sum(axis=1) / np.sqrt(np.maximum(count, 1))
     together = (pooled >= TOGETHER_SIGMA) & (here.sum(axis=1) >= FEWEST_JOINTS)
     size = wear[joints].reshape(len(arms), J, flat)[row, :, candidate] * s
-    together |= _loaded(z, size * np.sign(s[row, first])[:, None], here)
+    may_be_load = np.ones(len(arms), dtype=bool) if same_mass is None else ~same_mass[joints[:, 0]]
+    together |= may_be_load & _loaded(z, size * np.sign(s[row, first])[:, None], here)
     common[joints] = together[:, None] & here
     return common
 

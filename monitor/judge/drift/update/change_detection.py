@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from monitor.judge.drift.filter_state import KINDS, LEVELS, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
+from monitor.judge.drift.filter_state import KINDS, LEVELS, NOISE, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
 from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.size import counted_sigma
@@ -22,6 +22,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.update.blame import common_changes, pool_over_arms
 from monitor.judge.drift.update.innovation import Gate, Innovation
+from monitor.judge.drift.update.outlier_run import OutlierRun
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
@@ -59,7 +60,8 @@ class ChangeBank:
     glr_score: Array  # (N, 2, W) Σ G·ν/S of the replays before, with ν clipped
     raw_glr_score: Array  # (N, 2, W) the same with ν in full
     information: Array  # (N, 2, W) Σ G²/S of the replays before
-    effect: Array  # (N, 2, W) G: what a unit change adds to this replay's innovation
+    effect: Array  # (N, 2, W) what a unit change adds to this replay's innovation …
+    last_effect: Array  # (N, 2, W) … and to that before; G is the first without what the second explains
     glr_score_now: Array  # the same three with this replay
     raw_glr_score_now: Array
     information_now: Array
@@ -96,11 +98,15 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings) -> ChangeBank:
-    """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
+def advance_bank(
+    state: FilterState, innovation: Innovation, gate: Gate, run: OutlierRun, joints_per_arm: int, settings: DriftSettings
+) -> ChangeBank:
+    """The bank with the changes that may have begun at this replay, and with what is new in this replay."""
     bank = add_candidates(state, innovation.resolved)
-    nu, S = innovation.value, innovation.var
-    G = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
+    nu, S = run.value, run.var
+    effect = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
+    last_effect = run.last_effect(effect, bank.responses, state.interval_days)
+    G = effect - run.psi[:, None, None] * last_effect
     most = counted_sigma(state.outliers, state.replays, joints_per_arm)
     beyond = np.abs(innovation.normalised) - settings.gate_sigma
     limit = np.where(gate.gated, np.clip(most - beyond, CLIPPED_OUTLIER, most), most) * np.sqrt(S)
@@ -109,7 +115,8 @@ def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_
     gain = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     return replace(
         bank,
-        effect=G,
+        effect=effect,
+        last_effect=last_effect,
         glr_score_now=bank.glr_score + gain * clipped[:, None, None],
         raw_glr_score_now=bank.raw_glr_score + gain * nu[:, None, None],
         information_now=bank.information + gain * G,
@@ -152,33 +159,38 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
         raw_glr_score=raw_glr_score,
         information=information,
         effect=np.zeros_like(glr_score),
+        last_effect=np.zeros_like(glr_score),
         glr_score_now=glr_score,
         raw_glr_score_now=raw_glr_score,
         information_now=information,
     )
 
 
-def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, noise_var: Array) -> np.ndarray:
+def stays(bank: ChangeBank, gate: Gate) -> np.ndarray:
     """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
 
-    After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so a
-    step would be in each of them in full, and a start's score is that of the next younger one and ν/S of its own replay.
+    After a shock, nothing is new in the replays that follow but their own noise. A step adds (1 − ψ) of itself to what is new in each: the
+    score of a change that began with the second outlier, beside the first, is what speaks for it.
     """
-    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
-    score, information = (np.diff(sums[:, 0, :DENSE], axis=1, prepend=0.0) for sums in (bank.raw_glr_score_now, bank.information_now))
-    nu = score / np.maximum(information, 1e-12)  # (N, DENSE) youngest first: every replay has an S of its own
-    total, first = np.cumsum(nu, axis=1)[row, longer], nu[row, longer]
-    new = (total - first) - rho * (total - innovation.value)
-    # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
-    var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
-    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(var)
+    second = np.clip(np.abs(gate.run) - 2.0, 0.0, DENSE - 1.0).astype(int)  # (N,) age of a change that began then
+    row = np.arange(len(second))
+    score, information = bank.raw_glr_score_now[row, 0, second], bank.information_now[row, 0, second]
+    stay: np.ndarray = np.sign(gate.run) * score > STAYS_SIGMA * np.sqrt(np.maximum(information, 1e-12))
     return stay
 
 
 def detect_change(
-    state: FilterState, bank: ChangeBank, innovation: Innovation, gate: Gate, slot: Array, joints_per_arm: int, settings: DriftSettings
+    state: FilterState,
+    bank: ChangeBank,
+    innovation: Innovation,
+    gate: Gate,
+    run: OutlierRun,
+    slot: Array,
+    joints_per_arm: int,
+    settings: DriftSettings,
+    same_mass: np.ndarray | None = None,
 ) -> Change:
-    """Which joints have changed, and their state with the change taken over.
+    """Which joints have changed, and their state with the change taken over. same_mass : as in `update_filter`.
 
     A single outlier never proves a change. `gate_run` outliers in a row on one side always do, from the first of them on.
     """
@@ -212,6 +224,7 @@ def detect_change(
         bank.responses[..., WEAR] / np.maximum(bank.information_now, 1e-12),
         counts,
         joints_per_arm,
+        same_mass,
     )
     of_baseline &= ~common
     of_wear = (found & ~of_baseline) | common
@@ -222,7 +235,7 @@ def detect_change(
         mean, cov = fresh.mean, fresh.cov
     taken = Taken(mean, cov, *np.zeros((4, N)))
     if of_wear.any():
-        taken = change_posterior(mean, cov, bank, ratios, innovation, of_wear, common, in_a_row)
+        taken = change_posterior(mean, cov, bank, ratios, innovation, run, of_wear, common, in_a_row)
     since = 1.0 + taken.age
     agreeing = np.where(common, 1.0, since)  # it is none of the joint
     return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, since, common, taken.shared, taken.shared_var)
@@ -299,6 +312,7 @@ def change_posterior(
     bank: ChangeBank,
     ratios: Array,
     innovation: Innovation,
+    run: OutlierRun,
     found: np.ndarray,
     common: np.ndarray,
     in_a_row: np.ndarray,
@@ -311,7 +325,6 @@ def change_posterior(
     """
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
-    nu, S, G = innovation.value, innovation.var, bank.effect
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
     information = bank.information[n].reshape(-1, M)  # (n, M)
     precision = information + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)
@@ -320,22 +333,27 @@ def change_posterior(
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, bank.raw_glr_score[n].reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
-    g = bank.responses[n].reshape(len(n), M, -1)  # (n, M, S)
+    g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
+    last_effect = bank.last_effect[n].reshape(-1, M)
+    g[..., NOISE] -= run.phi[n, None] * last_effect
+    G = bank.effect[n].reshape(-1, M) - run.phi[n, None] * last_effect
+    nu, S = innovation.value[n] - run.phi[n] * run.before[n], innovation.var[n] - run.phi[n] ** 2 * run.before_var[n]
     g, to_level = to_levels(g, common[n])
     moved = g * size[:, :, None]
     shift = np.einsum("nm,nms->ns", weight, moved)
     best = np.argmax(weight, axis=1)
     row = np.arange(len(n))
-    gain = G[n].reshape(-1, M)[row, best]
-    rest = nu[n] - np.einsum("nm,nm->n", weight, G[n].reshape(-1, M) * size)
-    wider = np.maximum(rest**2 - CLIPPED**2 * S[n], 0.0) / np.maximum(gain**2, 1e-12)
+    gain = G[row, best]
+    rest = nu - np.einsum("nm,nm->n", weight, G * size)
+    wider = np.maximum(rest**2 - CLIPPED**2 * S, 0.0) / np.maximum(gain**2, 1e-12)
     var = 1.0 / precision + 0.25 * (full - clipped) ** 2
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, RATE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]
     spread = np.einsum("nm,nms,nmt->nst", weight * var, g, g) + np.einsum("nm,nms,nmt->nst", weight, away, away)
+    known, known_cov = run.with_noise_seen(mean, cov, n)
     mean, cov = mean.copy(), cov.copy()
-    mean[n] += shift
-    cov[n] += symmetric(spread)
+    mean[n] = known + shift
+    cov[n] = known_cov + symmetric(spread)
     stepped, age, shared, shared_var = np.zeros((4, len(mean)))
     stepped[n] = np.where(common[n], 0.0, (weight * size)[:, :WINDOW].sum(axis=1))
     age[n] = bank.ages[n, best % WINDOW]

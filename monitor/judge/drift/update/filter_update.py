@@ -28,6 +28,7 @@ from monitor.judge.drift.two_sources import TwoSources
 from monitor.judge.drift.update.change_detection import LONG, Change, advance_bank, detect_change, stays
 from monitor.judge.drift.update.innovation import Gate, Innovation, gate_outliers, innovate
 from monitor.judge.drift.update.lowest_level import may_run_in, running_in
+from monitor.judge.drift.update.outlier_run import outlier_run
 from monitor.judge.drift.wear_history import add_replay, move_level
 from monitor.recording import Array
 
@@ -47,19 +48,22 @@ def update_filter(
     settings: DriftSettings,
     *,
     replay_slot: Array | None = None,
+    same_mass: np.ndarray | None = None,
 ) -> FilterState:
     """The state after a replay, from the state predicted to its time.
 
     slot : (N,) in which the level of the replay's context is kept; SLOTS of an observation from work, with that source in force, and then
-    replay_slot : (N,) of the replays' context. Joints without a resolved torque keep their mean and covariance.
+    replay_slot : (N,) of the replays' context. same_mass : (N,) whether the arm was weighed and carries what it did before; None: no arm
+    was weighed. Joints without a resolved torque keep their mean and covariance.
     """
     rho = state.autocorrelation(joints_per_arm, settings)
     var = state.noise_var(joints_per_arm, settings, rho)
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
-    bank = advance_bank(state, innovation, gate, joints_per_arm, settings)
-    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
-    change = detect_change(state, bank, innovation, gate, slot, joints_per_arm, settings)
+    run = outlier_run(state, innovation, gate, rho)
+    bank = advance_bank(state, innovation, gate, run, joints_per_arm, settings)
+    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, gate) | (state.replays < NOISE_KNOWN)))
+    change = detect_change(state, bank, innovation, gate, run, slot, joints_per_arm, settings, same_mass)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
 
