@@ -28,7 +28,7 @@ from monitor.recording import Array
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
 # [σ] an outlier counts for a change with less the further out it is, and with no less than this; several in a row on one side count in full
 CLIPPED_OUTLIER = 1.0
-STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
+STAYS_SIGMA = 4.5  # [σ] by which outliers in a row must differ from a shock that fades away
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
