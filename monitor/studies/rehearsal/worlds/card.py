@@ -12,7 +12,8 @@ DAYS = 1095  # of every healthy arm
 ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years, so that 5 events prove 0.1 a year
 SHARE_WORN = 3 / 8  # of so many: arms with each kind of wear
 SHARE_OTHERS = 1 / 4  # of all that: in worlds that no table lists
-MORE = {"plain": 3, "paths": 2}  # times as many arms: days are compared with days, and shares of lives with bounds
+# Times as many arms: medians of days that lie near what is asked for, and shares of lives. Of 15 arms such a median is known to a fifth.
+MORE = {"plain": 6, "noise-4": 3, "two-joints": 3, "paths": 4}
 SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were for development, those from 3000 on nobody looked at
 
 Each = Callable[[Callable[[str], Any], Iterable[str]], Iterable[Any]]
@@ -25,9 +26,9 @@ Each row is a world with friction, heat, noise and wear of its own, from seed {s
 - The generators know nothing of the judge. Dry friction has a Stribeck effect that decays exponentially, viscous friction follows a power
   of speed and Vogel's law of temperature. Where a row says nothing else, σ is 2 % and ρ 0.5, the room has seasons, weather and cold
   Mondays, and the grease lags some minutes behind the motor.
-- {arms} healthy arms live three years ({plain} in the plain world, {others} from "{first_other}" on, worlds that no goal was set for
-  beforehand). Wear is put into {worn} arms more for each kind ({plain_worn}, {others_worn}), into one joint where nothing else is said,
-  from a day between 60 and 425 on. Nobody counts revolutions.
+- {arms} healthy arms live three years, {others} from "{first_other}" on, worlds that no goal was set for beforehand. Wear is put into
+  {worn} arms more for each kind, {others_worn} there, into one joint where nothing else is said, from a day between 60 and 425 on. Times
+  as many arms: {more}. Nobody counts revolutions.
 - Counted are the first rise and the first fall of every joint and the first common advisory of every arm, after 60 days of learning.
 - Bounds are one-sided, 95 %: ✓ means that the bound keeps what is asked for, (✓) that the figure does and its bound does not.
 
@@ -62,15 +63,14 @@ def arms_of(name: str, arms: int) -> tuple[int, int]:
 def worlds_section(documents: Sequence[dict[str, Any]], *, arms: int, seed: int) -> str:
     """The section of the card, of the documents of all worlds; arms, seed : as in `world_documents`."""
     first_other = next(name for name, world in WORLDS.items() if not world.listed)
-    usual, plain, others = (arms_of(name, arms) for name in ("noise-3", "plain", first_other))
+    usual, others = (arms_of(name, arms) for name in ("noise-3", first_other))
     text = WORLDS_HEAD + HEAD.format(
         seed=seed,
         arms=usual[0],
-        plain=plain[0],
         others=others[0],
         first_other=first_other,
         worn=usual[1],
-        plain_worn=plain[1],
+        more=", ".join(f"{name} {times}" for name, times in MORE.items()),
         others_worn=others[1],
     )
     for document in documents:
