@@ -80,6 +80,7 @@ def test_the_size_of_a_step_is_known_no_better_than_outliers_that_share_their_no
     y = noise(6, 110, 80, rho=rho)
     y[90:, 1::J] += np.log(1.2)
     wear, std, raised = lived(y)
+    assert raised[90:, 1::J].any(axis=0).all()
     told = 90 + np.argmax(raised[90:, 1::J], axis=0)  # (A,)
     days = np.minimum(told + np.arange(6)[:, None], 109)
     joint = 1 + J * np.arange(80)

@@ -370,3 +370,16 @@ def test_the_full_physics_tell_another_gain_from_wear():
         controller.arm.set_wear(joint, coulomb=1.3, viscous=1.3)
         assert compare_weights(replayed(), estimate, **limits).condition is None
         controller.arm.set_wear(joint, coulomb=1.0, viscous=1.0)
+
+
+def test_a_mass_that_is_seen_only_with_its_place_excludes_no_payload():
+    """Weights in which m and mx always come together say nothing of m. A replay knows it to 0.03 kg; 0.25 kg excludes nothing."""
+    rng, estimate = np.random.default_rng(6), None
+    for _ in range(10):
+        estimate = update_mass_estimate(estimate, weighed(rng))
+    limits = {"sigma": LIMITS.contradiction_sigma, "mass_kg": 0.5}
+    assert compare_weights(weighed(rng), estimate, **limits).same_mass
+    assert not compare_weights(weighed(rng, kg=0.25), estimate, **limits).same_mass
+    fit = weighed(rng)
+    together = fit._replace(of_mass=np.column_stack([fit.of_mass[:, 1], fit.of_mass[:, 1:]]))
+    assert not compare_weights(together, estimate, **limits).same_mass

@@ -41,7 +41,7 @@ class UndeclaredChange(NamedTuple):
     kg: float | None = None  # mass at the flange beyond that of the replays before; None where no mass explains it
     own_level: bool = False  # whether the replay belongs to a level of friction of its own, see `undeclared_level`
     begins: bool = False  # whether that level begins with this replay
-    same_mass: bool = False  # whether the weights would have shown a mass that friction shows, and did not
+    same_mass: bool = False  # whether the weights exclude a mass of `FRICTION_MASS_KG`
 
     @property
     def withheld(self) -> bool:
@@ -154,13 +154,15 @@ def compare_weights(
     chi2 = together.chi2 / max(estimate.scatter, 1.0)
     if chi2 > _chi2_limit(together.degrees, sigma):
         return _gains(np.sqrt(chi2 / together.degrees), _worst(fit, known, normalised))
-    return NO_UNDECLARED_CHANGE._replace(same_mass=_mass_std_kg(X) * sigma <= FRICTION_MASS_KG)
+    return NO_UNDECLARED_CHANGE._replace(same_mass=abs(load[0]) + sigma * _mass_std_kg(X) <= FRICTION_MASS_KG)
 
 
 def _mass_std_kg(X: Array) -> float:
     """Standard deviation of a mass at the flange whose place is unknown; X : (K, 4) what m, mx, my, mz add, in standard deviations."""
-    std = math.sqrt(float(np.linalg.pinv(X.T @ X, hermitian=True)[0, 0]))
-    return std if std > 0.0 else math.inf  # 0: the motion does not show it
+    mass, place = X[:, 0], X[:, 1:]
+    own = mass - place @ np.linalg.lstsq(place, mass, rcond=1e-9)[0]  # what no place of another mass does as well
+    size, least = float(np.linalg.norm(own)), 1e-6 * float(np.linalg.norm(mass))
+    return 1.0 / size if size > least else math.inf
 
 
 def _worst(fit: RigidFit, known: np.ndarray, normalised: Array) -> str:

@@ -142,6 +142,7 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
             slot=weights.slot,
             opened=weights.opened & (day > 0),  # the initial state knows no level yet
             undeclared=weights.withheld,
+            same_mass=weights.same_mass,
             revolutions=now.revolutions.ravel() if count_use else None,
         )
         last = np.where(now.replayed, day, last)
@@ -160,6 +161,7 @@ class _WeighedDay(NamedTuple):
     withheld: np.ndarray  # whether nothing is learnt of the replay
     slot: np.ndarray  # of the level that the replay belongs to
     opened: np.ndarray  # whether that level begins
+    same_mass: np.ndarray  # whether they exclude a mass that friction shows
 
 
 class _Weighed:
@@ -172,9 +174,10 @@ class _Weighed:
     def weigh(self, now: Day, day: float, health: HealthSettings) -> _WeighedDay:
         """What the weights of a morning's replays contradict, and the level that each replay belongs to."""
         A, sigma, mass_kg = len(now.replayed), health.contradiction_sigma, health.contradiction_kg
-        contradicted, withheld, opened = np.zeros(A, dtype=bool), np.zeros(A, dtype=bool), now.opened.copy()
+        contradicted, withheld, same_mass = np.zeros((3, A), dtype=bool)
+        opened = now.opened.copy()
         if now.rigid is None:
-            return _WeighedDay(contradicted, withheld, now.slot, opened)
+            return _WeighedDay(contradicted, withheld, now.slot, opened, same_mass)
         slot = self._slots[np.arange(A), now.slot]
         for arm in np.flatnonzero(now.replayed).tolist():
             fit, weights, own = now.rigid[arm], self._weights[arm], SLOTS - 1 - now.slot[arm]
@@ -186,10 +189,10 @@ class _Weighed:
                 opened[arm] = not same
                 weights = Weights(level.estimate) if same and level is not None else Weights()
             self._weights[arm], found = weigh(weights, fit, day * DAY_S, sigma=sigma, mass_kg=mass_kg)
-            contradicted[arm], withheld[arm] = found.condition is not None, found.withheld
+            contradicted[arm], withheld[arm], same_mass[arm] = found.condition is not None, found.withheld, found.same_mass
             if found.own_level:
                 slot[arm], opened[arm] = own, found.begins
-        return _WeighedDay(contradicted, withheld, slot, opened)
+        return _WeighedDay(contradicted, withheld, slot, opened, same_mass)
 
 
 def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:

@@ -21,14 +21,14 @@ from monitor.judge.drift.noise.size import counted_sigma
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.update.blame import common_changes, pool_over_arms
-from monitor.judge.drift.update.innovation import Gate, Innovation
-from monitor.judge.drift.update.outlier_run import OutlierRun
+from monitor.judge.drift.update.innovation import Gate, Innovation, Noise
+from monitor.judge.drift.update.outlier_run import ChangeSums, OutlierRun, outlier_run
 from monitor.recording import Array
 
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
 # [σ] an outlier counts for a change with less the further out it is, and with no less than this; several in a row on one side count in full
 CLIPPED_OUTLIER = 1.0
-STAYS_SIGMA = 4.5  # [σ] by which outliers in a row must differ from a shock that fades away
+STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
@@ -60,8 +60,7 @@ class ChangeBank:
     glr_score: Array  # (N, 2, W) Σ G·ν/S of the replays before, with ν clipped
     raw_glr_score: Array  # (N, 2, W) the same with ν in full
     information: Array  # (N, 2, W) Σ G²/S of the replays before
-    effect: Array  # (N, 2, W) what a unit change adds to this replay's innovation …
-    last_effect: Array  # (N, 2, W) … and to that before; G is the first without what the second explains
+    effect: Array  # (N, 2, W) G: what a unit change adds to this replay's innovation
     glr_score_now: Array  # the same three with this replay
     raw_glr_score_now: Array
     information_now: Array
@@ -98,15 +97,11 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(
-    state: FilterState, innovation: Innovation, gate: Gate, run: OutlierRun, joints_per_arm: int, settings: DriftSettings
-) -> ChangeBank:
-    """The bank with the changes that may have begun at this replay, and with what is new in this replay."""
+def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings) -> ChangeBank:
+    """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
     bank = add_candidates(state, innovation.resolved)
-    nu, S = run.value, run.var
-    effect = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
-    last_effect = run.last_effect(effect, bank.responses, state.interval_days)
-    G = effect - run.psi[:, None, None] * last_effect
+    nu, S = innovation.value, innovation.var
+    G = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
     most = counted_sigma(state.outliers, state.replays, joints_per_arm)
     beyond = np.abs(innovation.normalised) - settings.gate_sigma
     limit = np.where(gate.gated, np.clip(most - beyond, CLIPPED_OUTLIER, most), most) * np.sqrt(S)
@@ -115,8 +110,7 @@ def advance_bank(
     gain = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
     return replace(
         bank,
-        effect=effect,
-        last_effect=last_effect,
+        effect=G,
         glr_score_now=bank.glr_score + gain * clipped[:, None, None],
         raw_glr_score_now=bank.raw_glr_score + gain * nu[:, None, None],
         information_now=bank.information + gain * G,
@@ -159,23 +153,26 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
         raw_glr_score=raw_glr_score,
         information=information,
         effect=np.zeros_like(glr_score),
-        last_effect=np.zeros_like(glr_score),
         glr_score_now=glr_score,
         raw_glr_score_now=raw_glr_score,
         information_now=information,
     )
 
 
-def stays(bank: ChangeBank, gate: Gate) -> np.ndarray:
+def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, noise_var: Array) -> np.ndarray:
     """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
 
-    After a shock, nothing is new in the replays that follow but their own noise. A step adds (1 − ψ) of itself to what is new in each: the
-    score of a change that began with the second outlier, beside the first, is what speaks for it.
+    After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so a
+    step would be in each of them in full, and a start's score is that of the next younger one and ν/S of its own replay.
     """
-    second = np.clip(np.abs(gate.run) - 2.0, 0.0, DENSE - 1.0).astype(int)  # (N,) age of a change that began then
-    row = np.arange(len(second))
-    score, information = bank.raw_glr_score_now[row, 0, second], bank.information_now[row, 0, second]
-    stay: np.ndarray = np.sign(gate.run) * score > STAYS_SIGMA * np.sqrt(np.maximum(information, 1e-12))
+    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
+    score, information = (np.diff(sums[:, 0, :DENSE], axis=1, prepend=0.0) for sums in (bank.raw_glr_score_now, bank.information_now))
+    nu = score / np.maximum(information, 1e-12)  # (N, DENSE) youngest first: every replay has an S of its own
+    total, first = np.cumsum(nu, axis=1)[row, longer], nu[row, longer]
+    new = (total - first) - rho * (total - innovation.value)
+    # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
+    var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
+    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(var)
     return stay
 
 
@@ -184,13 +181,13 @@ def detect_change(
     bank: ChangeBank,
     innovation: Innovation,
     gate: Gate,
-    run: OutlierRun,
+    noise: Noise,
     slot: Array,
     joints_per_arm: int,
     settings: DriftSettings,
     same_mass: np.ndarray | None = None,
 ) -> Change:
-    """Which joints have changed, and their state with the change taken over. same_mass : as in `update_filter`.
+    """Which joints have changed, and their state with the change taken over. noise : between replays; same_mass : as in `update_filter`.
 
     A single outlier never proves a change. `gate_run` outliers in a row on one side always do, from the first of them on.
     """
@@ -235,6 +232,10 @@ def detect_change(
         mean, cov = fresh.mean, fresh.cov
     taken = Taken(mean, cov, *np.zeros((4, N)))
     if of_wear.any():
+        # beside work, the outlier before may be the other source's, and nothing is taken off
+        length = np.where(in_a_row & (state.sources is None), np.minimum(np.abs(gate.run), DENSE), 0.0)
+        sums = ChangeSums(bank.raw_glr_score, bank.information)
+        run = outlier_run(sums, bank.effect, bank.responses, bank.ages, innovation, noise, length, state.interval_days)
         taken = change_posterior(mean, cov, bank, ratios, innovation, run, of_wear, common, in_a_row)
     since = 1.0 + taken.age
     agreeing = np.where(common, 1.0, since)  # it is none of the joint
@@ -325,19 +326,21 @@ def change_posterior(
     """
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
+    nu, S = innovation.value[n] - run.phi[n] * run.nu[n], innovation.var[n] - run.phi[n] ** 2 * run.var[n]
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
-    information = bank.information[n].reshape(-1, M)  # (n, M)
-    precision = information + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)
-    weight = candidate_weights(ratios[n].reshape(-1, M), information, precision, bank.ages[n], prior_std)
+    before = run.left_of(ChangeSums(bank.raw_glr_score, bank.information), run.before, n)
+    precision = before.information.reshape(-1, M) + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)  # (n, M)
+    alone = (in_a_row & ~common)[n, None, None]  # a common change has the ratios of all joints
+    ratio = np.where(alone, of_run(ratios[n], bank, run, n), ratios[n]).reshape(-1, M)
+    weight = candidate_weights(ratio, before.information.reshape(-1, M), precision, bank.ages[n], prior_std)
     # where innovations were clipped, the size lies between the clipped and the full estimate
-    clipped, full = bank.glr_score[n].reshape(-1, M) / precision, bank.raw_glr_score[n].reshape(-1, M) / precision
+    clipped, full = bank.glr_score[n].reshape(-1, M) / precision, before.score.reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
     g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
-    last_effect = bank.last_effect[n].reshape(-1, M)
-    g[..., NOISE] -= run.phi[n, None] * last_effect
-    G = bank.effect[n].reshape(-1, M) - run.phi[n, None] * last_effect
-    nu, S = innovation.value[n] - run.phi[n] * run.before[n], innovation.var[n] - run.phi[n] ** 2 * run.before_var[n]
+    seen = run.phi[n, None] * run.last_effect[n].reshape(-1, M)
+    g[..., NOISE] -= seen
+    G = bank.effect[n].reshape(-1, M) - seen
     g, to_level = to_levels(g, common[n])
     moved = g * size[:, :, None]
     shift = np.einsum("nm,nms->ns", weight, moved)
@@ -360,6 +363,15 @@ def change_posterior(
     shared[n] = np.sum(weight * size * to_level, axis=1)
     shared_var[n] = np.sum(weight * (var * to_level**2 + (size * to_level - shared[n, None]) ** 2), axis=1)
     return Taken(mean, cov, stepped, age, shared, shared_var)
+
+
+def of_run(ratios: Array, bank: ChangeBank, run: OutlierRun, n: np.ndarray) -> Array:
+    """The likelihood ratios (n, 2, W) of joints whose last replays are outliers in a row, by what these say together."""
+    counted = ChangeSums(bank.raw_glr_score_now, bank.information_now)
+    now = run.left_of(counted, run.now, n)
+    some = (ratios > 0) & (counted.score[n] != 0.0)
+    share = (now.score / np.where(some, counted.score[n], 1.0)) ** 2 * counted.information[n] / np.maximum(now.information, 1e-12)
+    return np.where(some, ratios * share, ratios)
 
 
 def to_levels(g: Array, common: np.ndarray) -> tuple[Array, Array]:

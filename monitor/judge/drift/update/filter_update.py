@@ -26,9 +26,8 @@ from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.two_sources import TwoSources
 from monitor.judge.drift.update.change_detection import LONG, Change, advance_bank, detect_change, stays
-from monitor.judge.drift.update.innovation import Gate, Innovation, gate_outliers, innovate
+from monitor.judge.drift.update.innovation import Gate, Innovation, Noise, gate_outliers, innovate
 from monitor.judge.drift.update.lowest_level import may_run_in, running_in
-from monitor.judge.drift.update.outlier_run import outlier_run
 from monitor.judge.drift.wear_history import add_replay, move_level
 from monitor.recording import Array
 
@@ -60,10 +59,9 @@ def update_filter(
     var = state.noise_var(joints_per_arm, settings, rho)
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
-    run = outlier_run(state, innovation, gate, rho)
-    bank = advance_bank(state, innovation, gate, run, joints_per_arm, settings)
-    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, gate) | (state.replays < NOISE_KNOWN)))
-    change = detect_change(state, bank, innovation, gate, run, slot, joints_per_arm, settings, same_mass)
+    bank = advance_bank(state, innovation, gate, joints_per_arm, settings)
+    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
+    change = detect_change(state, bank, innovation, gate, Noise(rho, var), slot, joints_per_arm, settings, same_mass)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
 

@@ -30,6 +30,13 @@ class Innovation(NamedTuple):
     settling: np.ndarray  # whether the level is so uncertain that ν is no evidence of noise or of changes
 
 
+class Noise(NamedTuple):
+    """What lasts from one replay to the next, (N,) each."""
+
+    rho: Array  # its correlation over the usual interval
+    var: Array
+
+
 class Gate(NamedTuple):
     """Which joints' innovations are outliers, (N,) each."""
 

@@ -1,61 +1,113 @@
-"""What an outlier says beside the one before it, from which the filter has not learned.
+"""What outliers in a row say together of a change, when one is found by them.
 
-The filter keeps its prediction during outliers in a row, so their innovations share the noise that lasts from one replay to the next. Taken
-as independent, three of them would say 1.7 times of a step what they say at ρ = 0.5, and twice at ρ = 0.9. What is new in one, given the
-one before, is e = ν − ψ·ν₋₁ of variance S − ψ²·S₋₁, with ψ the regression of the two (Särkkä, 2013, ch. 4: prediction from the last value).
+The filter keeps its prediction during outliers, so their innovations share the noise that lasts from one replay to the next. The bank of
+candidates counts them as independent: of a step, three of them would say 1.7 times what they say at ρ = 0.5, and twice at ρ = 0.9. What is
+new in one, given the one before, is e = ν − ψ·ν₋₁ of variance S − ψ²·S₋₁, with ψ the regression of the two (Särkkä, 2013, ch. 4: prediction
+from the last value). A change that adds G to ν and G₋₁ to ν₋₁ adds G − ψ·G₋₁ to e.
+
+Shapes: N joints, W starts of a change, 2 kinds of change.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import NOISE, OUTLIER, RATE, FilterState
-from monitor.judge.drift.update.innovation import Gate, Innovation
+from monitor.judge.drift.filter_state import NOISE, RATE
+from monitor.judge.drift.update.innovation import Innovation, Noise
 from monitor.recording import Array
 
-LEAST_RHO = 0.05  # below, noise of the last replay is gone
 MOST_EXPLAINED = 0.95  # of an innovation's standard deviation, and of the variance of noise that is left when all other states are known
+LEAST_RHO, MOST_FADED = 0.05, 1e3  # noise that lasts less than the one, or faded by more than the other, is gone
+LEAST_LEFT = 0.1  # share of a candidate's information that is left: starts before the run are corrected to first order
+
+
+class ChangeSums(NamedTuple):
+    """What the bank has summed of each candidate, (N, 2, W)."""
+
+    score: Array  # Σ G·ν/S, with ν in full
+    information: Array  # Σ G²/S
 
 
 class OutlierRun(NamedTuple):
-    """Each joint's innovation beside that of the outlier before it; 0 where there was none on the same side, (N,) each."""
+    """What the outliers before this replay say less than the bank counts, and what the last of them says of the noise now."""
 
-    before: Array  # ν₋₁
-    before_var: Array  # S₋₁
-    psi: Array  # ψ: how much of the innovation it explains, with the level that both share
-    phi: Array  # φ: how much of the noise
-    rho: Array  # the noise's correlation
-    value: Array  # e
-    var: Array  # its variance
+    before: ChangeSums  # to be added to the sums of the replays before this one …
+    now: ChangeSums  # … and to those with this one
+    nu: Array  # (N,) ν₋₁; 0 where there is no outlier before in the run
+    var: Array  # (N,) S₋₁
+    phi: Array  # (N,) φ: the noise that ν₋₁ leads to expect now, over ν₋₁
+    last_effect: Array  # (N, 2, W) G₋₁
 
-    def last_effect(self, effect: Array, responses: Array, interval_days: Array) -> Array:
-        """(N, 2, W) what a unit change added to the innovation before, from what it adds to this one; responses : (N, 2, W, S)."""
-        decay = np.maximum(self.rho, LEAST_RHO)[:, None, None]
-        return effect - responses[..., RATE] * interval_days[:, None, None] + responses[..., NOISE] * (1.0 / decay - 1.0)
+    def left_of(self, sums: ChangeSums, more: ChangeSums, n: np.ndarray) -> ChangeSums:
+        """The sums of the joints n with `before` or `now` added, (n, 2, W) each."""
+        information = np.maximum(sums.information[n] + more.information[n], LEAST_LEFT * sums.information[n])
+        return ChangeSums(sums.score[n] + more.score[n], information)
 
     def with_noise_seen(self, mean: Array, cov: Array, n: np.ndarray) -> tuple[Array, Array]:
         """Mean and covariance of the joints n, whose noise the outlier before has shown where friction has not changed."""
         mean, cov = mean[n].copy(), cov[n].copy()
-        mean[:, NOISE] += self.phi[n] * self.before[n]
+        mean[:, NOISE] += self.phi[n] * self.nu[n]
         others = np.delete(np.arange(mean.shape[1]), NOISE)
         cross = cov[:, NOISE, others]
         inverse = np.linalg.pinv(cov[:, others[:, None], others], hermitian=True)
         alone = cov[:, NOISE, NOISE] - np.einsum("na,nab,nb->n", cross, inverse, cross)
-        cov[:, NOISE, NOISE] -= np.minimum(self.phi[n] ** 2 * self.before_var[n], MOST_EXPLAINED * np.maximum(alone, 0.0))
+        cov[:, NOISE, NOISE] -= np.minimum(self.phi[n] ** 2 * self.var[n], MOST_EXPLAINED * np.maximum(alone, 0.0))
         return mean, cov
 
 
-def outlier_run(state: FilterState, innovation: Innovation, gate: Gate, rho: Array) -> OutlierRun:
-    """The innovations beside those of the outliers before them. rho : (N,) correlation of the noise of successive replays.
+def outlier_run(
+    bank: ChangeSums,
+    effect: Array,
+    responses: Array,
+    ages: Array,
+    innovation: Innovation,
+    noise: Noise,
+    length: Array,
+    interval_days: Array,
+) -> OutlierRun:
+    """The outliers in a row of which this replay is the last.
 
-    Where work is observed beside replays, the last innovation may be the other source's, and nothing is taken off.
+    bank : of the replays before this one. effect : (N, 2, W) of a unit change on this replay; responses : (N, 2, W, S); ages : (N, W).
+    length : (N,) number of outliers, at most as many as there are starts without a gap; 0 or 1 where there is nothing to be said.
+
+    Innovation and variance of each are read from the bank: a step is in each of them in full, so the scores of two successive starts
+    differ by ν/S. What belongs to a replay alone is taken to be as large as in the present one.
     """
-    joined = gate.gated & (np.abs(gate.run) >= 2.0) & (state.event == OUTLIER) & (state.normalised != 0.0) & (state.sources is None)
-    before = np.where(joined, state.innovation, 0.0)
-    before_var = np.where(joined, (before / np.where(joined, state.normalised, 1.0)) ** 2, 0.0)
-    level = innovation.level_var
-    lasting = rho * np.maximum(before_var - innovation.within_var - level, 0.0)
-    safe = np.where(joined, before_var, 1.0)
-    most = MOST_EXPLAINED * np.sqrt(innovation.var / safe)  # what is believed of noise may have changed in between
-    psi, phi = (np.where(joined, np.minimum(shared / safe, most), 0.0) for shared in (lasting + level, lasting))
-    return OutlierRun(before, before_var, psi, phi, rho, innovation.value - psi * before, innovation.var - psi**2 * before_var)
+    most = max(int(length.max(initial=0.0)), 2)
+    score, information = (np.diff(sums[:, 0, : most + 1], axis=1, prepend=0.0) for sums in bank)  # (N, most + 1), by age
+    nu, S = score / np.maximum(information, 1e-12), 1.0 / np.maximum(information, 1e-12)
+    nu[:, 0], S[:, 0] = innovation.value, innovation.var
+    level = np.maximum(innovation.level_var, 0.0)[:, None]
+    lasting = noise.rho[:, None] * np.clip(S - innovation.within_var[:, None] - level, 0.0, noise.var[:, None])
+    there = (np.arange(most + 1) >= 1) & (np.arange(most + 1) < length[:, None])  # outliers before this one
+    faded = responses[..., NOISE]  # what the filter has taken for noise of a change that began before the run
+    use = responses[..., RATE] * interval_days[:, None, None]
+
+    def added(age: int) -> Array:
+        """(N, 2, W) G of the replay so many replays ago."""
+        faded_since = np.minimum(np.maximum(noise.rho, LEAST_RHO) ** -age, MOST_FADED)[:, None, None]
+        return np.where(ages[:, None, :] >= age, effect + (faded_since - 1.0) * faded - age * use, 0.0)
+
+    before, now = (ChangeSums(np.zeros_like(effect), np.zeros_like(effect)) for _ in range(2))
+    for age in range(most - 1, -1, -1):
+        joined = there[:, age + 1] & (there[:, age] | (age == 0))
+        explained = np.minimum((lasting[:, age + 1] + level[:, 0]) / S[:, age + 1], MOST_EXPLAINED * np.sqrt(S[:, age] / S[:, age + 1]))
+        psi = np.where(joined, np.minimum(explained, MOST_EXPLAINED), 0.0)
+        new, var = nu[:, age] - psi * nu[:, age + 1], S[:, age] - psi**2 * S[:, age + 1]
+        G = added(age)
+        G_new = G - psi[:, None, None] * added(age + 1)
+        here = joined[:, None, None]
+        before = now
+        now = ChangeSums(
+            before.score + np.where(here, G_new * (new / var)[:, None, None] - G * (nu / S)[:, age, None, None], 0.0),
+            before.information + np.where(here, G_new**2 / var[:, None, None] - G**2 / S[:, age, None, None], 0.0),
+        )
+    last = there[:, 1]
+    return OutlierRun(
+        before=before,
+        now=now,
+        nu=np.where(last, nu[:, 1], 0.0),
+        var=np.where(last, S[:, 1], 0.0),
+        phi=np.where(last, np.minimum(lasting[:, 1] / S[:, 1], MOST_EXPLAINED * np.sqrt(innovation.var / S[:, 1])), 0.0),
+        last_effect=added(1),
+    )
