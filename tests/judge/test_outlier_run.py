@@ -51,8 +51,7 @@ def test_a_step_that_began_with_the_run_is_known_as_least_squares_know_it(rho, l
     """Score and information of the outliers before, and what this replay adds once the noise before it is seen."""
     nu = 0.2 + STD * np.random.default_rng(seed).normal(size=length)
     run, counted, S = run_of(nu, rho, length)
-    joint = np.zeros(1, dtype=int)
-    before = run.left_of(counted, run.before, joint)
+    before = run.left_of(counted, run.before)
     since = length - 1  # the age of the run's first outlier
     G, phi = 1.0 - run.phi[0] * run.last_effect[0, 0, since], run.phi[0]
     new_var = S[0] - phi**2 * run.var[0]
@@ -70,11 +69,11 @@ def test_a_step_that_began_with_the_run_is_known_as_least_squares_know_it(rho, l
 def test_what_is_left_is_positive_and_of_a_step_with_the_run_never_more_than_was_counted(rho, length, seed):
     nu = 0.2 + STD * np.random.default_rng(seed).normal(size=length)
     run, counted, _ = run_of(nu, rho, length)
-    left = run.left_of(counted, run.before, np.zeros(1, dtype=int))
+    left = run.left_of(counted, run.before)
     assert np.isfinite(left.score).all()
     assert (left.information[0, 0, 1:] > 0.0).all()
     assert (left.information[0, 0, length - 1 :] <= counted.information[0, 0, length - 1 :] * (1.0 + 1e-9)).all()
-    mean, cov = run.with_noise_seen(np.zeros((1, STATES)), 1e-4 * np.eye(STATES)[None], np.zeros(1, dtype=int))
+    mean, cov = run.with_noise_seen(np.zeros((1, STATES)), 1e-4 * np.eye(STATES)[None])
     assert np.linalg.eigvalsh(cov[0]).min() > 0.0
     assert np.flatnonzero(mean[0]).tolist() in ([], [NOISE])
 
@@ -84,7 +83,7 @@ def test_a_single_outlier_says_what_it_said():
     assert run.phi[0] == run.nu[0] == 0.0
     assert not run.now.score.any()
     assert not run.now.information.any()
-    assert np.array_equal(run.left_of(counted, run.before, np.zeros(1, dtype=int)).score, counted.score)
+    assert np.array_equal(run.left_of(counted, run.before).score, counted.score)
 
 
 def test_a_shock_that_fades_away_is_no_step():

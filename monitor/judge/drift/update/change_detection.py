@@ -65,6 +65,16 @@ class ChangeBank:
     raw_glr_score_now: Array
     information_now: Array
 
+    @property
+    def before(self) -> ChangeSums:
+        """The sums of the replays before this one."""
+        return ChangeSums(self.raw_glr_score, self.information)
+
+    @property
+    def now(self) -> ChangeSums:
+        """The sums with this replay."""
+        return ChangeSums(self.raw_glr_score_now, self.information_now)
+
     def after_update(self, K: Array, *, restarted: np.ndarray) -> "ChangeBank":
         """The bank after the filter's update with gain K (N, S). It is empty for the joints in `restarted` (N,), whose change was found."""
         product = self.effect[..., None] * K[:, None, None, :]
@@ -159,15 +169,15 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
     )
 
 
-def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, rho: Array, noise_var: Array) -> np.ndarray:
+def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise) -> np.ndarray:
     """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
 
     After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so a
-    step would be in each of them in full, and a start's score is that of the next younger one and ν/S of its own replay.
+    step would be in each of them in full.
     """
+    rho, noise_var = noise
     row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
-    score, information = (np.diff(sums[:, 0, :DENSE], axis=1, prepend=0.0) for sums in (bank.raw_glr_score_now, bank.information_now))
-    nu = score / np.maximum(information, 1e-12)  # (N, DENSE) youngest first: every replay has an S of its own
+    nu, _ = bank.now.each_outlier(DENSE)  # (N, DENSE) youngest first
     total, first = np.cumsum(nu, axis=1)[row, longer], nu[row, longer]
     new = (total - first) - rho * (total - innovation.value)
     # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
@@ -234,8 +244,17 @@ def detect_change(
     if of_wear.any():
         # beside work, the outlier before may be the other source's, and nothing is taken off
         length = np.where(in_a_row & (state.sources is None), np.minimum(np.abs(gate.run), DENSE), 0.0)
-        sums = ChangeSums(bank.raw_glr_score, bank.information)
-        run = outlier_run(sums, bank.effect, bank.responses, bank.ages, innovation, noise, length, state.interval_days)
+        n = np.flatnonzero(of_wear)
+        run = outlier_run(
+            bank.before.of_joints(n),
+            bank.effect[n],
+            bank.responses[n],
+            bank.ages[n],
+            Innovation(*(each[n] for each in innovation)),
+            Noise(*(each[n] for each in noise)),
+            length[n],
+            state.interval_days[n],
+        )
         taken = change_posterior(mean, cov, bank, ratios, innovation, run, of_wear, common, in_a_row)
     since = 1.0 + taken.age
     agreeing = np.where(common, 1.0, since)  # it is none of the joint
@@ -320,25 +339,27 @@ def change_posterior(
 ) -> Taken:
     """Mean and covariance as if the changes in `found` (N,) had been predicted; those in `common` (N,) as changes of the levels.
 
+    run : of the joints in `found`.
+
     Which change it was, and since when, is as uncertain as the candidates' likelihoods say: the state takes over their mean and the spread
     between them. This replay is left to the update that follows; where it disagrees with the estimated size, the variance grows until it
     agrees.
     """
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
-    nu, S = innovation.value[n] - run.phi[n] * run.nu[n], innovation.var[n] - run.phi[n] ** 2 * run.var[n]
+    nu, S = innovation.value[n] - run.phi * run.nu, innovation.var[n] - run.phi**2 * run.var
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
-    before = run.left_of(ChangeSums(bank.raw_glr_score, bank.information), run.before, n)
+    before = run.left_of(bank.before.of_joints(n), run.before)
     precision = before.information.reshape(-1, M) + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)  # (n, M)
     alone = (in_a_row & ~common)[n, None, None]  # a common change has the ratios of all joints
-    ratio = np.where(alone, of_run(ratios[n], bank, run, n), ratios[n]).reshape(-1, M)
+    ratio = np.where(alone, of_run(ratios[n], bank.now.of_joints(n), run), ratios[n]).reshape(-1, M)
     weight = candidate_weights(ratio, before.information.reshape(-1, M), precision, bank.ages[n], prior_std)
     # where innovations were clipped, the size lies between the clipped and the full estimate
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, before.score.reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
     g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
-    seen = run.phi[n, None] * run.last_effect[n].reshape(-1, M)
+    seen = run.phi[:, None] * run.last_effect.reshape(-1, M)
     g[..., NOISE] -= seen
     G = bank.effect[n].reshape(-1, M) - seen
     g, to_level = to_levels(g, common[n])
@@ -353,7 +374,7 @@ def change_posterior(
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, RATE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]
     spread = np.einsum("nm,nms,nmt->nst", weight * var, g, g) + np.einsum("nm,nms,nmt->nst", weight, away, away)
-    known, known_cov = run.with_noise_seen(mean, cov, n)
+    known, known_cov = run.with_noise_seen(mean[n], cov[n])
     mean, cov = mean.copy(), cov.copy()
     mean[n] = known + shift
     cov[n] = known_cov + symmetric(spread)
@@ -365,12 +386,14 @@ def change_posterior(
     return Taken(mean, cov, stepped, age, shared, shared_var)
 
 
-def of_run(ratios: Array, bank: ChangeBank, run: OutlierRun, n: np.ndarray) -> Array:
-    """The likelihood ratios (n, 2, W) of joints whose last replays are outliers in a row, by what these say together."""
-    counted = ChangeSums(bank.raw_glr_score_now, bank.information_now)
-    now = run.left_of(counted, run.now, n)
-    some = (ratios > 0) & (counted.score[n] != 0.0)
-    share = (now.score / np.where(some, counted.score[n], 1.0)) ** 2 * counted.information[n] / np.maximum(now.information, 1e-12)
+def of_run(ratios: Array, counted: ChangeSums, run: OutlierRun) -> Array:
+    """The likelihood ratios (n, 2, W) of joints whose last replays are outliers in a row, by what these say together.
+
+    counted : with this replay, as if each of them were alone.
+    """
+    now = run.left_of(counted, run.now)
+    some = (ratios > 0) & (counted.score != 0.0)
+    share = (now.score / np.where(some, counted.score, 1.0)) ** 2 * counted.information / np.maximum(now.information, 1e-12)
     return np.where(some, ratios * share, ratios)
 
 

@@ -59,9 +59,10 @@ def update_filter(
     var = state.noise_var(joints_per_arm, settings, rho)
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
+    noise = Noise(rho, var)
     bank = advance_bank(state, innovation, gate, joints_per_arm, settings)
-    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, rho, var) | (state.replays < NOISE_KNOWN)))
-    change = detect_change(state, bank, innovation, gate, Noise(rho, var), slot, joints_per_arm, settings, same_mass)
+    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, noise) | (state.replays < NOISE_KNOWN)))
+    change = detect_change(state, bank, innovation, gate, noise, slot, joints_per_arm, settings, same_mass)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
 

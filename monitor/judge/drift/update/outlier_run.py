@@ -27,6 +27,19 @@ class ChangeSums(NamedTuple):
     score: Array  # Σ G·ν/S, with ν in full
     information: Array  # Σ G²/S
 
+    def of_joints(self, n: np.ndarray) -> "ChangeSums":
+        """The sums of the joints n."""
+        return ChangeSums(self.score[n], self.information[n])
+
+    def each_outlier(self, count: int) -> tuple[Array, Array]:
+        """ν and S of the youngest `count` replays from which the filter has not learned, (N, count) by age.
+
+        A step is in each of them in full, so the scores of two successive starts differ by ν/S.
+        """
+        score, information = (np.diff(sums[:, 0, :count], axis=1, prepend=0.0) for sums in self)
+        information = np.maximum(information, 1e-12)
+        return score / information, 1.0 / information
+
 
 class OutlierRun(NamedTuple):
     """What the outliers before this replay say less than the bank counts, and what the last of them says of the noise now."""
@@ -38,20 +51,22 @@ class OutlierRun(NamedTuple):
     phi: Array  # (N,) φ: the noise that ν₋₁ leads to expect now, over ν₋₁
     last_effect: Array  # (N, 2, W) G₋₁
 
-    def left_of(self, sums: ChangeSums, more: ChangeSums, n: np.ndarray) -> ChangeSums:
-        """The sums of the joints n with `before` or `now` added, (n, 2, W) each."""
-        information = np.maximum(sums.information[n] + more.information[n], LEAST_LEFT * sums.information[n])
-        return ChangeSums(sums.score[n] + more.score[n], information)
+    def left_of(self, sums: ChangeSums, more: ChangeSums) -> ChangeSums:
+        """The sums with `before` or `now` added."""
+        information = np.maximum(sums.information + more.information, LEAST_LEFT * sums.information)
+        return ChangeSums(sums.score + more.score, information)
 
-    def with_noise_seen(self, mean: Array, cov: Array, n: np.ndarray) -> tuple[Array, Array]:
-        """Mean and covariance of the joints n, whose noise the outlier before has shown where friction has not changed."""
-        mean, cov = mean[n].copy(), cov[n].copy()
-        mean[:, NOISE] += self.phi[n] * self.nu[n]
+    def with_noise_seen(self, mean: Array, cov: Array) -> tuple[Array, Array]:
+        """Mean (N, S) and covariance (N, S, S) where the outlier before has shown the noise of friction that has not changed."""
+        if not self.phi.any():  # most changes are found by no outliers
+            return mean, cov
+        mean, cov = mean.copy(), cov.copy()
+        mean[:, NOISE] += self.phi * self.nu
         others = np.delete(np.arange(mean.shape[1]), NOISE)
         cross = cov[:, NOISE, others]
         inverse = np.linalg.pinv(cov[:, others[:, None], others], hermitian=True)
         alone = cov[:, NOISE, NOISE] - np.einsum("na,nab,nb->n", cross, inverse, cross)
-        cov[:, NOISE, NOISE] -= np.minimum(self.phi[n] ** 2 * self.var[n], MOST_EXPLAINED * np.maximum(alone, 0.0))
+        cov[:, NOISE, NOISE] -= np.minimum(self.phi**2 * self.var, MOST_EXPLAINED * np.maximum(alone, 0.0))
         return mean, cov
 
 
@@ -70,12 +85,10 @@ def outlier_run(
     bank : of the replays before this one. effect : (N, 2, W) of a unit change on this replay; responses : (N, 2, W, S); ages : (N, W).
     length : (N,) number of outliers, at most as many as there are starts without a gap; 0 or 1 where there is nothing to be said.
 
-    Innovation and variance of each are read from the bank: a step is in each of them in full, so the scores of two successive starts
-    differ by ν/S. What belongs to a replay alone is taken to be as large as in the present one.
+    Innovation and variance of each are read from the bank. What belongs to a replay alone is taken to be as large as in the present one.
     """
     most = max(int(length.max(initial=0.0)), 2)
-    score, information = (np.diff(sums[:, 0, : most + 1], axis=1, prepend=0.0) for sums in bank)  # (N, most + 1), by age
-    nu, S = score / np.maximum(information, 1e-12), 1.0 / np.maximum(information, 1e-12)
+    nu, S = bank.each_outlier(most + 1)
     nu[:, 0], S[:, 0] = innovation.value, innovation.var
     level = np.maximum(innovation.level_var, 0.0)[:, None]
     lasting = noise.rho[:, None] * np.clip(S - innovation.within_var[:, None] - level, 0.0, noise.var[:, None])
