@@ -17,7 +17,7 @@ import scipy
 from monitor.judge.drift.filter_state import KINDS, LEVELS, NOISE, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
 from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.kalman import symmetric
-from monitor.judge.drift.noise.size import counted_sigma
+from monitor.judge.drift.noise.size import MOST_SIGMA
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.update.blame import common_changes, pool_over_arms
@@ -28,7 +28,9 @@ from monitor.recording import Array
 CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes its size less certain
 # [σ] an outlier counts for a change with less the further out it is, and with no less than this; several in a row on one side count in full
 CLIPPED_OUTLIER = 1.0
-STAYS_SIGMA = 3.5  # [σ] by which outliers in a row must differ from a shock that fades away
+# [σ] by which outliers in a row must differ from a shock that fades away, where noise is Gaussian. Where one replay counts with less,
+# because the tails are long, it is as many times more: t₃ noise makes shocks of 5 σ, and the next ones come while they fade.
+STAYS_SIGMA = 3.5
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
@@ -107,14 +109,13 @@ class Change(NamedTuple):
     shared_var: Array  # (N,) its variance
 
 
-def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, joints_per_arm: int, settings: DriftSettings) -> ChangeBank:
-    """The bank with the changes that may have begun at this replay, and with this replay's evidence."""
+def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, counted: Array, settings: DriftSettings) -> ChangeBank:
+    """The bank with the changes that may have begun at this replay, and with this replay's evidence. counted : (N,) `counted_sigma`."""
     bank = add_candidates(state, innovation.resolved)
     nu, S = innovation.value, innovation.var
     G = np.einsum("na,nkwa->nkw", innovation.row, bank.responses)
-    most = counted_sigma(state.outliers, state.replays, joints_per_arm)
     beyond = np.abs(innovation.normalised) - settings.gate_sigma
-    limit = np.where(gate.gated, np.clip(most - beyond, CLIPPED_OUTLIER, most), most) * np.sqrt(S)
+    limit = np.where(gate.gated, np.clip(counted - beyond, CLIPPED_OUTLIER, counted), counted) * np.sqrt(S)
     clipped = np.clip(nu, -limit, limit)
     counts = innovation.resolved & ~innovation.settling
     gain = np.where(counts[:, None, None], G / S[:, None, None], 0.0)
@@ -169,9 +170,10 @@ def add_candidates(state: FilterState, resolved: np.ndarray) -> ChangeBank:
     )
 
 
-def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise) -> np.ndarray:
+def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise, counted: Array) -> np.ndarray:
     """(N,) whether outliers in a row stay where a step leaves them, and do not fade away as noise of correlation ρ does after one shock.
 
+    counted : (N,) `counted_sigma`: the tails of the noise.
     After a shock every replay is ρ times the one before, and what is left of it is new noise. The filter learned from none of them, so a
     step would be in each of them in full.
     """
@@ -182,7 +184,7 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise) ->
     new = (total - first) - rho * (total - innovation.value)
     # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
     var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
-    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * np.sqrt(var)
+    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * MOST_SIGMA / counted * np.sqrt(var)
     return stay
 
 

@@ -20,7 +20,7 @@ from monitor.judge.drift.filter_state import (
 )
 from monitor.judge.drift.kalman import update
 from monitor.judge.drift.noise.chance import forget_chance, learn_chance
-from monitor.judge.drift.noise.size import follow
+from monitor.judge.drift.noise.size import counted_sigma, follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
@@ -60,8 +60,11 @@ def update_filter(
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
     noise = Noise(rho, var)
-    bank = advance_bank(state, innovation, gate, joints_per_arm, settings)
-    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, noise) | (state.replays < NOISE_KNOWN)))
+    # outliers in a row are a step or a shock, and tell how long the tails are only once they are over
+    over = np.maximum(state.outliers - np.maximum(np.abs(gate.run) - 1.0, 0.0), 0.0)
+    counted = counted_sigma(over, state.replays, joints_per_arm)
+    bank = advance_bank(state, innovation, gate, counted, settings)
+    gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, noise, counted) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, noise, slot, joints_per_arm, settings, same_mass)
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
