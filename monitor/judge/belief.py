@@ -11,6 +11,7 @@ from monitor.judge.drift.channels.state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
 from monitor.judge.drift.noise.chance import chance_from_document
+from monitor.judge.drift.noise.volatility import volatility_from_document
 from monitor.judge.drift.reference import reference_from_document
 from monitor.judge.drift.ripple_track import RippleTrack, ripple_from_document
 from monitor.judge.drift.settings import DriftSettings
@@ -291,13 +292,14 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     kept = isinstance(document, dict) and "history" in document
     complete = {"activity": [1.0] * J, "usual_warming": [0.0] * J, **document}  # releases without it
     complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
-    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance", "sources")]
+    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance", "volatility", "sources")]
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
     state = FilterState(
         **values,
         counted_from=reference_from_document(complete.get("counted_from"), J),
         channels=channels_from_document(complete.get("channels"), J),
         chance=chance_from_document(complete.get("chance"), J),
+        volatility=volatility_from_document(complete.get("volatility"), J),
         sources=sources,
     )
     return state if kept else begin_history(state, np.full(J, slot))

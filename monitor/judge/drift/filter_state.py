@@ -22,6 +22,8 @@ from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import STEADY, alike, present
+from monitor.judge.drift.noise.volatility import Volatility
+from monitor.judge.drift.noise.volatility import nothing_seen as no_volatility_seen
 from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
@@ -73,6 +75,7 @@ class FilterState:
     product: Array  # (N,) c₁: mean product of successive replays' noise
     noise_weight: Array  # (N,) number of replays in both
     activity: Array  # (N,) γ₁ of the last weeks over γ₁, of all joints of the arm
+    volatility: Volatility  # what a joint does beside that, of replays alone
     residual: Array  # (N,) of the last replay against its prediction without noise; NaN where the next one must not be compared with it
     consistency: Array  # (N,) running mean of normalised innovations squared: 1 where the filter is consistent
     innovation: Array  # (N,) of the last replay; NaN where it was unresolved
@@ -156,7 +159,7 @@ class FilterState:
         usual = alike(self.step_var, self.noise_weight, joints_per_arm)
         cautious = 1.0 + settings.caution / np.sqrt(self.noise_weight)
         var: Array = usual * present(self.activity, joints_per_arm) * cautious / (1.0 - rho)
-        return var
+        return var if self.sources is not None else var * self.volatility.factor(joints_per_arm)
 
     def level(self, slot: Array) -> Array:
         """(N,) mean of the level in a slot (N,), at the origin."""
@@ -240,6 +243,7 @@ def initial_filter(
         product=var * rho,
         noise_weight=np.full(N, settings.between_replays),
         activity=np.full(N, STEADY),
+        volatility=no_volatility_seen(N),
         residual=unknown,
         consistency=np.ones(N),
         innovation=unknown,
@@ -411,6 +415,7 @@ def unknown_joint(state: FilterState, new: np.ndarray, settings: DriftSettings, 
         step_var=np.where(new, var * (1.0 - rho), state.step_var),
         product=np.where(new, var * rho, state.product),
         noise_weight=np.where(new, settings.between_replays, state.noise_weight),
+        volatility=state.volatility.of_new_joints(new),
         consistency=np.where(new, 1.0, state.consistency),
         agreeing=np.where(new, 1.0, state.agreeing),
     )

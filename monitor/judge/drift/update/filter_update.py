@@ -20,7 +20,7 @@ from monitor.judge.drift.filter_state import (
 )
 from monitor.judge.drift.kalman import update
 from monitor.judge.drift.noise.chance import forget_chance, learn_chance
-from monitor.judge.drift.noise.size import counted_sigma, follow
+from monitor.judge.drift.noise.size import STEADY, counted_sigma, follow
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import with_common_change
 from monitor.judge.drift.settings import DriftSettings
@@ -174,9 +174,20 @@ def update_noise(
     step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
     alike = clipped * clipped_before * var / np.maximum(var + np.minimum(shared, 0.0), var / 3.0)
     product = np.where(usable, state.product + (alike - state.product) / n, state.product)
-    activity = follow(state.activity, np.where(usable, half / step_var, np.nan), joints_per_arm)
+    square = np.where(usable, half / step_var, np.nan)
+    activity = follow(state.activity, square, joints_per_arm)
+    # beside work, squares of two sources alternate
+    volatility = state.volatility.after(square * STEADY / state.activity) if state.sources is None else state.volatility
     # the replays before and after a silent one are still compared with each other
     silent = (event == UNRESOLVED) | ((event == ORDINARY) & ~innovation.sensed)
     residual = np.where(silent, state.residual, np.where(informative, now, np.nan))
     floor = settings.between_floor**2
-    return replace(state, step_var=np.maximum(step_var, floor), product=product, noise_weight=n, activity=activity, residual=residual)
+    return replace(
+        state,
+        step_var=np.maximum(step_var, floor),
+        product=product,
+        noise_weight=n,
+        activity=activity,
+        volatility=volatility,
+        residual=residual,
+    )

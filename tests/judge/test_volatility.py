@@ -1,0 +1,104 @@
+"""Noise of one joint that waxes and wanes: an arm's past tells whether calm and rough weeks alternate, and steady noise never seems to."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic_arm import CONTEXT, START_S, Arm
+from test_noise import DRIFT, LAWS, J, correlated, lived
+
+from monitor.judge.belief import belief_from_document
+from monitor.judge.drift.noise.volatility import Volatility, nothing_seen
+from monitor.judge.learn import begin, learn
+from monitor.recording import Array
+
+DAY_S = 86400.0
+
+
+def squares(noise: Array) -> Array:
+    """(days − 1, N) half squared differences of successive noises, over their mean."""
+    half = 0.5 * np.diff(noise, axis=0) ** 2
+    over_mean: Array = half / half.mean(axis=0)
+    return over_mean
+
+
+def after_all(each: Array) -> Volatility:
+    """After a year of squares (days, N)."""
+    volatility = nothing_seen(each.shape[1])
+    for square in each:
+        volatility = volatility.after(square)
+    return volatility
+
+
+def swelling(rng: np.random.Generator, days: int, joints: int) -> Array:
+    """(days, joints) factor of σ: a walk of its logarithm about 0, within a factor of two for three weeks; mean square 1."""
+    size = np.exp(0.6 * correlated(rng, days, joints, std=1.0, rho=0.95))
+    relative: Array = size / np.sqrt(np.mean(size**2, axis=0))
+    return relative
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_noise_of_one_size_shows_no_volatility_however_long_its_tails_are(rho: float) -> None:
+    """60 arms, a year: what chance makes is taken off, and hardly an arm has a coefficient that would matter."""
+    rng, joints = np.random.default_rng(11), 60 * J
+    shocks = rng.standard_t(3, size=(365, joints))
+    for noise in (correlated(rng, 365, joints, std=1.0, rho=rho), correlated(rng, 365, joints, std=1.0, rho=rho, shocks=shocks)):
+        b = after_all(squares(noise)).coefficient(J)
+        assert np.mean(b[::J] > 0.25) <= 0.05
+
+
+def test_weeks_of_more_noise_are_foreseen_where_they_come_again_and_again() -> None:
+    """20 arms, the second half of a year: squares are larger where the factor is among the largest fifth than where among the smallest."""
+    rng, joints = np.random.default_rng(12), 20 * J
+    volatility, factors = nothing_seen(joints), []
+    each = squares(swelling(rng, 365, joints) * correlated(rng, 365, joints, std=1.0, rho=0.5))
+    for square in each:
+        factors.append(volatility.factor(J))
+        volatility = volatility.after(square)
+    assert np.all(volatility.coefficient(J) > 0.1)
+    told, seen = np.array(factors)[180:], each[180:]
+    low, high = np.quantile(told, [0.2, 0.8])
+    assert seen[told > high].mean() > 3.0 * seen[told < low].mean()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_a_joint_without_a_square_is_as_it_was_and_every_factor_is_bounded(seed: int, joints: int) -> None:
+    """Squares of any size, a third of them missing."""
+    rng = np.random.default_rng(seed)
+    volatility = nothing_seen(joints)
+    for _ in range(40):
+        square = np.where(rng.random(joints) < 1 / 3, np.nan, np.exp(3.0 * rng.normal(size=joints)))
+        new = volatility.after(square)
+        missing = np.isnan(square)
+        for name in Volatility.__dataclass_fields__:
+            assert np.array_equal(getattr(new, name)[missing], getattr(volatility, name)[missing], equal_nan=True)
+        volatility = new
+        factor = volatility.factor(joints)
+        assert np.all((factor >= 0.25) & (factor < 50.0))
+    assert np.all(volatility.of_new_joints(np.ones(joints, dtype=bool)).factor(joints) == 1.0)
+
+
+def test_a_rough_fortnight_of_a_joint_is_no_wear_where_such_came_before() -> None:
+    """12 arms, a year, each joint's σ walks of its own: 13 to 15 joints had an alert while each had the σ that it has on average."""
+    rng, days, joints = np.random.default_rng(2), 365, 12 * J
+    _, alerted = lived(swelling(rng, days, joints) * correlated(rng, days, joints, std=0.02, rho=0.5))
+    assert alerted.sum() <= 8  # 2 to 5 of three seeds
+
+
+def test_a_belief_of_a_release_without_volatility_goes_on() -> None:
+    """It begins with nothing seen, keeps its wear, and the next replay is learnt from."""
+    arm = Arm(seed=3, autocorrelation=0.5)
+    belief = begin("ur5", CONTEXT, arm.replay(30.0), START_S, settings=DRIFT, laws=LAWS)
+    for day in range(12):
+        belief = learn(belief, arm.replay(30.0), CONTEXT, START_S + day * DAY_S, settings=DRIFT, laws=LAWS).belief
+    document = copy.deepcopy(belief.as_document())
+    same = belief_from_document(document).filter_state.volatility
+    assert np.array_equal(same.factor(J), belief.filter_state.volatility.factor(J))
+    del document["track"]["volatility"]
+    carried = belief_from_document(document)
+    assert np.array_equal(carried.wear, belief.wear)
+    assert np.all(carried.filter_state.volatility.replays == 0.0)
+    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 12 * DAY_S, settings=DRIFT, laws=LAWS).belief
+    assert np.all(after.filter_state.volatility.replays == 1.0)
