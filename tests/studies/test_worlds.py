@@ -16,7 +16,7 @@ from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_s
 from monitor.studies.rehearsal.worlds.change import LevelJumps, Payload, RunningIn, Sawtooth, SensorShift, Telegraph, Wandering, Yearly
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
-from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std
+from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std, swelling_std
 from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, Friction, Heat
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import Episodes, judge_world, play_world, world_document, world_line
@@ -94,6 +94,16 @@ def test_seasonal_noise_is_largest_half_a_year_from_where_it_is_smallest():
     year = np.arange(73) * 10.0 / 365.0 * 2.0 * np.pi
     swing = np.abs(np.exp(-1j * year) @ std) / len(year) * 2.0
     assert swing.mean() == pytest.approx(0.015, rel=0.05)
+
+
+def test_noise_that_swells_is_each_joint_s_own_and_keeps_its_size_over_years():
+    """A factor of two either way about 2 %, within a month: joints of an arm have nothing to do with each other."""
+    size = swelling_std(0.02, 30.0, 0.6)(np.random.default_rng(4), (3000, 20, 6))
+    log = np.log(size) - np.log(size).mean(axis=0)
+    assert np.sqrt(np.mean(size**2)) == pytest.approx(0.02, rel=0.05)
+    assert log.std() == pytest.approx(0.6, rel=0.05)
+    assert np.mean(log[30:] * log[:-30]) == pytest.approx(0.36 / np.e, rel=0.15)
+    assert abs(np.mean(log[:, :, 0] * log[:, :, 1])) < 0.03
 
 
 def test_mixed_noise_differs_from_joint_to_joint():

@@ -110,6 +110,17 @@ def stepping_std(low: float, high: float, mean_days: float) -> Callable[[np.rand
     return std
 
 
+def swelling_std(mean: float, memory_days: float, spread: float) -> Callable[[np.random.Generator, Shape], Array]:
+    """A standard deviation of each joint whose logarithm walks about a mean, forgotten within `memory_days`; `spread` is the walk's."""
+
+    def std(rng: np.random.Generator, shape: Shape) -> Array:
+        size = np.exp(spread * autoregressive(rng.normal(size=shape), float(np.exp(-1.0 / memory_days))) - spread**2)
+        result: Array = mean * size  # its mean square is mean²
+        return result
+
+    return std
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sum:
     """Several independent laws at once."""

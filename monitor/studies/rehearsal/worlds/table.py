@@ -19,7 +19,7 @@ from monitor.studies.rehearsal.worlds.change import (
     Yearly,
 )
 from monitor.studies.rehearsal.worlds.fleet import Goal, World
-from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, Sum, seasonal_std, stepping_std
+from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, Sum, seasonal_std, stepping_std, swelling_std
 from monitor.studies.rehearsal.worlds.physics import Heat
 from monitor.studies.rehearsal.worlds.wear import RATE_10, STEP_5, Wear, exponential, power, step, straight
 
@@ -171,6 +171,12 @@ _OTHERS = (
         sentence="σ jumps between 1.5 and 4 %, for half a year each",
         noise=Modulated(std=stepping_std(0.015, 0.04, 180.0)),
         goal=Goal(false=0.2),
+    ),
+    World(
+        name="noise-swells",
+        sentence="σ of each joint swells and calms down by a factor of two, about 2 %, within a month",
+        noise=Modulated(std=swelling_std(0.02, 30.0, 0.6)),
+        goal=Goal(false=0.3),
     ),
     World(name="student-t4-ar-07", sentence="Student's t₄ with ρ 0.7", noise=Correlated(degrees=4.0, rho=0.7)),
     World(name="missing-weeks", sentence="four gaps of three weeks a year", gap=(4.0, 21), missed=0.1),
