@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from test_noise import correlated
+from test_noise import lived as lived_until
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
@@ -111,7 +112,7 @@ def test_noise_that_grows_is_taken_for_what_it_is_within_a_fortnight() -> None:
 
 
 def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -> None:
-    """12 % more in one joint, 4.5 σ of new noise at the third replay: Gaussian noise has none, noise with 2 % of outliers now and then."""
+    """12 % more in one joint, 4.5 σ of new noise at the third replay: Gaussian noise has none, noise with 2.5 % of outliers some."""
     arms, onset = 20, 160
     y = noise(8, onset + 11, 2 * arms, rho=0.5)
     rng = np.random.default_rng(9)
@@ -124,3 +125,13 @@ def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -
     assert at_third[0].mean() >= 0.7
     assert at_third[1].mean() <= 0.2
     assert later.mean() >= 0.9
+
+
+def test_the_outliers_of_a_step_are_no_sign_of_long_tails() -> None:
+    """A quarter more in one joint: neither while its outliers are counted nor afterwards does the arm seem to have outliers."""
+    y = noise(9, 130, 10, rho=0.0)
+    y[100:, 1::J] += np.log1p(0.25)
+    state, _ = lived_until(y)
+    assert np.all(state.filter_state.wear[1::J] > 0.15)
+    before, _ = lived_until(y[:100])
+    assert np.array_equal(state.filter_state.outliers[1::J], before.filter_state.outliers[1::J])

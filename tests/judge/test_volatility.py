@@ -10,7 +10,9 @@ from synthetic_arm import CONTEXT, START_S, Arm
 from test_noise import DRIFT, LAWS, J, correlated, lived
 
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift.noise.volatility import Volatility, nothing_seen
+from monitor.judge.drift.filter_state import unknown_joint
+from monitor.judge.drift.from_work import begin_work, swapped
+from monitor.judge.drift.noise.volatility import LEAST, Volatility, nothing_seen
 from monitor.judge.learn import begin, learn
 from monitor.recording import Array
 
@@ -28,7 +30,7 @@ def after_all(each: Array) -> Volatility:
     """After a year of squares (days, N)."""
     volatility = nothing_seen(each.shape[1])
     for square in each:
-        volatility = volatility.after(square)
+        volatility = volatility.after(square, np.zeros(len(square)))
     return volatility
 
 
@@ -56,7 +58,7 @@ def test_weeks_of_more_noise_are_foreseen_where_they_come_again_and_again() -> N
     each = squares(swelling(rng, 365, joints) * correlated(rng, 365, joints, std=1.0, rho=0.5))
     for square in each:
         factors.append(volatility.factor(J))
-        volatility = volatility.after(square)
+        volatility = volatility.after(square, np.zeros(len(square)))
     assert np.all(volatility.coefficient(J) > 0.1)
     told, seen = np.array(factors)[180:], each[180:]
     low, high = np.quantile(told, [0.2, 0.8])
@@ -68,15 +70,15 @@ def test_a_joint_without_a_square_is_as_it_was_and_every_factor_is_bounded(seed:
     """Squares of any size, a third of them missing."""
     rng = np.random.default_rng(seed)
     volatility = nothing_seen(joints)
-    for _ in range(40):
+    for _ in range(60):
         square = np.where(rng.random(joints) < 1 / 3, np.nan, np.exp(3.0 * rng.normal(size=joints)))
-        new = volatility.after(square)
+        new = volatility.after(square, np.zeros(len(square)))
         missing = np.isnan(square)
         for name in Volatility.__dataclass_fields__:
             assert np.array_equal(getattr(new, name)[missing], getattr(volatility, name)[missing], equal_nan=True)
         volatility = new
         factor = volatility.factor(joints)
-        assert np.all((factor >= 0.25) & (factor < 50.0))
+        assert np.all((factor >= LEAST) & (factor <= 10.0 * (1.0 + 8.0 * 4.0 / 27.0)))
     assert np.all(volatility.of_new_joints(np.ones(joints, dtype=bool)).factor(joints) == 1.0)
 
 
@@ -87,18 +89,63 @@ def test_a_rough_fortnight_of_a_joint_is_no_wear_where_such_came_before() -> Non
     assert alerted.sum() <= 8  # 2 to 5 of three seeds
 
 
+MIXED = np.array([0.003, 0.006, 0.012, 0.02, 0.03, 0.05])
+
+
+@pytest.mark.parametrize(("std", "rho"), [(0.002, 0.5), (MIXED, 0.5), (0.02, 0.9)], ids=["quiet", "mixed", "long"])
+def test_noise_below_what_a_replay_resolves_or_far_from_its_prior_shows_none(std: float | Array, rho: float) -> None:
+    """10 arms, eight months. While the prior of 2 % fades, quiet joints seem to become noisier; and squares that vanish are all alike."""
+    rng, arms = np.random.default_rng(13), 10
+    state, _ = lived(np.tile(std * np.ones(J), arms) * correlated(rng, 240, arms * J, std=1.0, rho=rho))
+    volatility = state.filter_state.volatility
+    assert np.all(volatility.coefficient(J) < 0.2)
+    assert np.all(np.abs(volatility.factor(J) - 1.0) < 0.3)
+
+
+def test_a_joint_that_is_noisier_for_good_does_not_make_its_arm_volatile() -> None:
+    """20 arms: joint 1 has 2.5 times as much noise from the seventh month on."""
+    noise = correlated(np.random.default_rng(14), 500, 20 * J, std=1.0, rho=0.5)
+    noise[200:, ::J] *= 2.5
+    assert np.all(after_all(squares(noise)).coefficient(J) < 0.2)
+
+
+def test_work_and_replays_have_each_its_own_volatility() -> None:
+    """Replays are judged as before once work was observed; work begins with nothing seen."""
+    rng, joints = np.random.default_rng(15), 4 * J
+    state, _ = lived(swelling(rng, 200, joints) * correlated(rng, 200, joints, std=0.02, rho=0.5))
+    replays = state.filter_state
+    assert np.any(replays.volatility.factor(J) != 1.0)
+    both = begin_work(replays, J, DRIFT)
+    assert np.array_equal(both.noise_var(J, DRIFT), replays.noise_var(J, DRIFT))
+    work = swapped(both)
+    assert np.all(work.volatility.factor(J) == 1.0)
+    again = swapped(work).volatility
+    assert all(np.array_equal(getattr(again, name), getattr(replays.volatility, name)) for name in Volatility.__dataclass_fields__)
+
+
+def test_a_joint_that_nobody_has_seen_begins_anew_and_the_others_keep_theirs() -> None:
+    """As where a joint is replaced whose noise is unknown."""
+    state, _ = lived(correlated(np.random.default_rng(16), 40, 2 * J, std=0.02, rho=0.5))
+    new = np.arange(2 * J) == 3
+    fresh = unknown_joint(state.filter_state, new, DRIFT, slope_std=0.01)
+    assert np.all(fresh.volatility.replays[new] == 0.0)
+    assert np.array_equal(fresh.volatility.usual[~new], state.filter_state.volatility.usual[~new])
+
+
 def test_a_belief_of_a_release_without_volatility_goes_on() -> None:
     """It begins with nothing seen, keeps its wear, and the next replay is learnt from."""
     arm = Arm(seed=3, autocorrelation=0.5)
     belief = begin("ur5", CONTEXT, arm.replay(30.0), START_S, settings=DRIFT, laws=LAWS)
-    for day in range(12):
+    for day in range(30):
         belief = learn(belief, arm.replay(30.0), CONTEXT, START_S + day * DAY_S, settings=DRIFT, laws=LAWS).belief
     document = copy.deepcopy(belief.as_document())
+    assert np.any(np.isfinite(belief.filter_state.volatility.last))
     same = belief_from_document(document).filter_state.volatility
-    assert np.array_equal(same.factor(J), belief.filter_state.volatility.factor(J))
+    for name in Volatility.__dataclass_fields__:
+        assert np.array_equal(getattr(same, name), getattr(belief.filter_state.volatility, name), equal_nan=True)
     del document["track"]["volatility"]
     carried = belief_from_document(document)
     assert np.array_equal(carried.wear, belief.wear)
     assert np.all(carried.filter_state.volatility.replays == 0.0)
-    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 12 * DAY_S, settings=DRIFT, laws=LAWS).belief
+    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 30 * DAY_S, settings=DRIFT, laws=LAWS).belief
     assert np.all(after.filter_state.volatility.replays == 1.0)

@@ -75,7 +75,7 @@ class FilterState:
     product: Array  # (N,) c₁: mean product of successive replays' noise
     noise_weight: Array  # (N,) number of replays in both
     activity: Array  # (N,) γ₁ of the last weeks over γ₁, of all joints of the arm
-    volatility: Volatility  # what a joint does beside that, of replays alone
+    volatility: Volatility  # what a joint does beside that
     residual: Array  # (N,) of the last replay against its prediction without noise; NaN where the next one must not be compared with it
     consistency: Array  # (N,) running mean of normalised innovations squared: 1 where the filter is consistent
     innovation: Array  # (N,) of the last replay; NaN where it was unresolved
@@ -158,8 +158,9 @@ class FilterState:
             rho = self.autocorrelation(joints_per_arm, settings)
         usual = alike(self.step_var, self.noise_weight, joints_per_arm)
         cautious = 1.0 + settings.caution / np.sqrt(self.noise_weight)
-        var: Array = usual * present(self.activity, joints_per_arm) * cautious / (1.0 - rho)
-        return var if self.sources is not None else var * self.volatility.factor(joints_per_arm)
+        now = present(self.activity, joints_per_arm) * self.volatility.factor(joints_per_arm)
+        var: Array = usual * now * cautious / (1.0 - rho)
+        return var
 
     def level(self, slot: Array) -> Array:
         """(N,) mean of the level in a slot (N,), at the origin."""
@@ -343,6 +344,7 @@ def other_source(state: FilterState, sources: TwoSources) -> FilterState:
         product=sources.other_product,
         noise_weight=sources.other_noise_weight,
         activity=sources.other_activity,
+        volatility=sources.other_volatility,
     )
 
 

@@ -27,6 +27,7 @@ from monitor.judge.drift.filter_state import (
     interval_growth,
 )
 from monitor.judge.drift.noise.size import STEADY
+from monitor.judge.drift.noise.volatility import nothing_seen
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.two_sources import EXTRA_STATES, TwoSources
@@ -62,6 +63,7 @@ def begin_work(state: FilterState, joints_per_arm: int, settings: DriftSettings)
         other_product=var * rho,
         other_noise_weight=np.full(N, settings.between_replays / joints_per_arm),
         other_activity=np.full(N, STEADY),
+        other_volatility=nothing_seen(N),
         other_residual=np.full(N, np.nan),
         other_gate_run=zero,
         coldest_c=np.full(N, np.nan),
@@ -87,6 +89,7 @@ def swapped(state: FilterState) -> FilterState:
         product=s.other_product,
         noise_weight=s.other_noise_weight,
         activity=s.other_activity,
+        volatility=s.other_volatility,
         residual=s.other_residual,
         gate_run=s.other_gate_run,
         sources=replace(
@@ -101,6 +104,7 @@ def swapped(state: FilterState) -> FilterState:
             other_product=state.product,
             other_noise_weight=state.noise_weight,
             other_activity=state.activity,
+            other_volatility=state.volatility,
             other_residual=state.residual,
             other_gate_run=state.gate_run,
         ),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.document import array
+from monitor.judge.drift.noise.volatility import Volatility, volatility_from_document
 from monitor.recording import Array
 
 EXTRA_STATES = 2  # the level of work and its noise, after the levels of the replays' contexts
@@ -30,6 +31,7 @@ class TwoSources:
     other_product: Array
     other_noise_weight: Array
     other_activity: Array
+    other_volatility: Volatility
     other_residual: Array
     other_gate_run: Array
     coldest_c: Array  # and the warmest: temperatures of the work that was learned from; NaN before the first
@@ -40,8 +42,14 @@ class TwoSources:
 
     def of_new_joints(self, new: np.ndarray) -> "TwoSources":
         """The sources where the joints in `new` (N,) are other ones; replays are in force. Nothing was found of them yet."""
-        cleared = {name: np.where(new, 0.0, getattr(self, name)) for name in ("other_gate_run", "unconfirmed", "unconfirmed_rate", "risen")}
-        return replace(self, other_residual=np.where(new, np.nan, self.other_residual), **cleared)
+        return replace(
+            self,
+            other_residual=np.where(new, np.nan, self.other_residual),
+            other_gate_run=np.where(new, 0.0, self.other_gate_run),
+            unconfirmed=np.where(new, 0.0, self.unconfirmed),
+            unconfirmed_rate=np.where(new, 0.0, self.unconfirmed_rate),
+            risen=np.where(new, 0.0, self.risen),
+        )
 
 
 def sources_from_document(document: Any, joints: int) -> TwoSources | None:
@@ -49,4 +57,7 @@ def sources_from_document(document: Any, joints: int) -> TwoSources | None:
     if document is None:
         return None
     complete = {"risen": [0.0] * joints, **document} if isinstance(document, dict) else document  # releases without it
-    return TwoSources(**{f.name: array(complete, f.name, (joints,), where="belief: track: sources") for f in fields(TwoSources)})
+    where = "belief: track: sources"
+    arrays = {f.name: array(complete, f.name, (joints,), where=where) for f in fields(TwoSources) if f.name != "other_volatility"}
+    volatility = volatility_from_document(complete.get("other_volatility"), joints, where=f"{where}: other_volatility")
+    return TwoSources(**arrays, other_volatility=volatility)

@@ -4,6 +4,7 @@ What all joints of an arm do together `size.follow` learns from six joints withi
 in so short a time to be believed on its word. Over its past, though, an arm tells whether such a word was worth anything: how far the
 squared noise of a replay follows the mean of the squares before it. That is the coefficient of a regression, 0 where noise has one size
 however long its tails are, and near 1 where calm and rough weeks alternate (conditional heteroscedasticity: Engle, Econometrica 50, 1982).
+What `size.follow` is late with, where all joints change within days, is in the squares of each as well, and counts.
 
 Shapes: N joints, J per arm.
 """
@@ -14,19 +15,23 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.document import array
-from monitor.judge.drift.noise.chance import of_arm
 from monitor.judge.drift.noise.size import LARGEST_SQUARE
 from monitor.recording import Array
 
 RECENT_REPLAYS = 12.0  # memory of a joint's present squares: 8 and 16 do as well
 MEMORY_REPLAYS = 1000.0  # of what the arm's past says of them
-FIRST_REPLAYS = 30.0  # weight of 1 in the usual square
-STEADY_SQUARES = 240.0  # weight of b = 0: six joints are believed by half after 40 replays, and by a sixth after a week
-SURE = 1.5  # standard deviations by which the coefficient is taken for less than it seems: an arm of steady noise has none by chance
+USUAL_REPLAYS = 200.0  # memory of the usual square: noise that is larger for good is usual after half a year
+FIRST_REPLAYS = 12  # before, what is usual is too uncertain for a square to be large or small
+# Variance of relative squares from which they say nothing of the noise between replays: 2 of Gaussian noise, 3 to 4 of t₃ and of noise that
+# swells; of squares that the noise within the replays or an unknown level makes, 10 to 80
+UNTOLD_VAR = 8.0
+STEADY_SQUARES = 60.0  # weight of b = 0: four joints are believed by half a fortnight after the first
+TRIMMED = 4  # number of joints from which the largest and the smallest coefficient are left out
+SURE = 1.0  # standard deviations by which the coefficient is taken for less than it seems: hardly an arm of steady noise has one by chance
 LEAST = 0.25  # least factor: a replay or two of a joint that was calm may be far beyond what it was
 # Times b²·(1 − b), by so much the variance is taken for larger: of what was seen, only the share b is foreseen, and noise taken for too
 # small raises alerts (see `size.UNSURE`). By trial, where σ of each joint walks within a factor of two for weeks: 1.3 false alerts a
-# robot-year become 0.2, and a step of 5 % is found after 18 days instead of 10; 12 gives 0.16 and 21 days.
+# robot-year become 0.24, and a step of 5 % is found after 15 days instead of 10; 14 gives 0.19 and 17 days.
 UNSURE = 8.0
 
 
@@ -34,51 +39,71 @@ UNSURE = 8.0
 class Volatility:
     """What an arm's past says of the size of a joint's noise, (N,) each.
 
-    Squares are half squared differences of successive noises, over what the arm's activity says; 1 where they are as usual.
+    A square is half the squared difference of two successive noises, over the arm's activity; relative to the joint's usual one, it is 1 on
+    average.
     """
 
-    level: Array  # running mean of the joint's squares …
+    usual: Array  # [log²] mean of the squares, without a prior: one that fades would look like noise that swells
+    level: Array  # running mean of relative squares …
     last: Array  # … without the last one: the next difference shares a replay with it, and is like it by chance; NaN before the first
-    usual: Array  # mean of the squares over the joint's past
-    product: Array  # mean of (square − usual)·(level − usual)
-    level_var: Array  # mean of (level − usual)²
-    square_var: Array  # mean of (square − usual)²
-    replays: Array  # number of squares in these means
+    square_mean: Array  # mean of the relative squares: not 1 where their size changed since
+    level_mean: Array  # and of the levels
+    product: Array  # covariance of relative squares and levels
+    level_var: Array  # variance of the levels
+    square_var: Array  # variance of the relative squares
+    replays: Array  # number of squares in the usual one
+    pairs: Array  # number of relative squares in the means after `last`
 
     def coefficient(self, joints_per_arm: int) -> Array:
         """(N,) b: share of what `level` says that the next square does, by all joints of the arm; 0 … 1."""
-        number = of_arm(self.replays, joints_per_arm)
-        means = (self.product, self.level_var, self.square_var)
-        product, level_var, square_var = (of_arm(self.replays * mean, joints_per_arm) for mean in means)
-        told = level_var > 0
-        level_var = np.where(told, level_var, 1.0)
-        # of a regression of n pairs: σ²(square)/(n·σ²(level))
-        std = np.sqrt(square_var / np.maximum(number * level_var, 1e-12))
-        sure = np.clip(product / level_var - SURE * std, 0.0, 1.0)
-        b: Array = np.where(told, sure, 0.0) * number / (number + STEADY_SQUARES)
+        J = joints_per_arm
+        number = self.pairs.reshape(-1, J)
+        level_var = self.level_var.reshape(-1, J)
+        told = (number > 0) & (level_var > 0) & (self.square_var.reshape(-1, J) < UNTOLD_VAR)
+        each = np.where(told, self.product.reshape(-1, J) / np.where(told, level_var, 1.0), 0.0)
+        error = np.where(told, self.square_var.reshape(-1, J) / np.where(told, level_var, 1.0), 0.0)  # of n pairs: σ²(square)/σ²(level)/n
+        # one joint may have become noisier for good: neither the largest nor the smallest counts
+        weight = np.where(told, number, 0.0)
+        rank = np.argsort(np.argsort(np.where(told, each, np.inf), axis=1), axis=1)
+        joints = told.sum(axis=1, keepdims=True)
+        weight[(joints >= TRIMMED) & ((rank == 0) | (rank >= joints - 1))] = 0.0
+        pairs = np.maximum(weight.sum(axis=1), 1.0)
+        mean, var = ((weight * value).sum(axis=1) / pairs for value in (each, error))
+        sure = np.clip(mean - SURE * np.sqrt(var / pairs), 0.0, 1.0) * pairs / (pairs + STEADY_SQUARES)
+        b: Array = np.repeat(sure, J)
         return b
 
     def factor(self, joints_per_arm: int) -> Array:
         """(N,) of the variance of the noise at present, beyond what the arm's activity says."""
         b = self.coefficient(joints_per_arm)
-        expected: Array = np.maximum(1.0 + b * (self.level / self.usual - 1.0), LEAST) * (1.0 + UNSURE * b**2 * (1.0 - b))
+        expected: Array = np.maximum(1.0 + b * (self.level - 1.0), LEAST) * (1.0 + UNSURE * b**2 * (1.0 - b))
         return expected
 
-    def after(self, square: Array) -> "Volatility":
-        """After a replay. square : (N,) of it; NaN where there is none."""
+    def after(self, square: Array, floor: Array) -> "Volatility":
+        """After a replay. square : (N,) [log²] of it; NaN where there is none.
+
+        floor : (N,) [log²] of no larger a usual square is anything told, as where noise within the replay hides that between replays.
+        """
         known = np.isfinite(square)
-        new = np.where(known, np.clip(square, 0.0, LARGEST_SQUARE), 0.0)
         replays = np.where(known, np.minimum(self.replays + 1.0, MEMORY_REPLAYS), self.replays)
-        share = np.where(known, 1.0 / np.maximum(replays, 1.0), 0.0)
-        of_square, of_level = new - self.usual, self.level - self.usual
+        begun = known & (replays > FIRST_REPLAYS) & (self.usual > floor)
+        relative = np.clip(np.where(begun, square / np.where(begun, self.usual, 1.0), 1.0), -LARGEST_SQUARE, LARGEST_SQUARE)
+        limited = np.where(begun, relative * self.usual, np.where(known, square, 0.0))
+        pairs = np.where(begun, np.minimum(self.pairs + 1.0, MEMORY_REPLAYS), self.pairs)
+        share = np.where(begun, 1.0 / np.maximum(pairs, 1.0), 0.0)
+        of_square, of_level = relative - self.square_mean, self.level - self.level_mean
+        kept = 1.0 - share  # Welford (1962): deviations from the old mean and from the new one
         return Volatility(
-            level=np.where(known & np.isfinite(self.last), self.level + (self.last - self.level) / RECENT_REPLAYS, self.level),
-            last=np.where(known, new, self.last),
-            usual=self.usual + np.where(known, of_square / (replays + FIRST_REPLAYS), 0.0),
-            product=self.product + share * (of_square * of_level - self.product),
-            level_var=self.level_var + share * (of_level**2 - self.level_var),
-            square_var=self.square_var + share * (of_square**2 - self.square_var),
+            usual=np.where(known, self.usual + (limited - self.usual) / np.clip(replays, 1.0, USUAL_REPLAYS), self.usual),
+            level=np.where(begun & np.isfinite(self.last), self.level + (self.last - self.level) / RECENT_REPLAYS, self.level),
+            last=np.where(begun, relative, self.last),
+            square_mean=self.square_mean + share * of_square,
+            level_mean=self.level_mean + share * of_level,
+            product=kept * (self.product + share * of_square * of_level),
+            level_var=kept * (self.level_var + share * of_level**2),
+            square_var=kept * (self.square_var + share * of_square**2),
             replays=replays,
+            pairs=pairs,
         )
 
     def of_new_joints(self, new: np.ndarray) -> "Volatility":
@@ -89,12 +114,23 @@ class Volatility:
 
 def nothing_seen(joints: int) -> Volatility:
     """Before the first replay."""
-    usual, none = np.ones(joints), np.zeros(joints)
-    return Volatility(level=usual, last=np.full(joints, np.nan), usual=usual, product=none, level_var=none, square_var=none, replays=none)
+    none, one = np.zeros(joints), np.ones(joints)
+    return Volatility(
+        usual=none,
+        level=one,
+        last=np.full(joints, np.nan),
+        square_mean=one,
+        level_mean=one,
+        product=none,
+        level_var=none,
+        square_var=none,
+        replays=none,
+        pairs=none,
+    )
 
 
-def volatility_from_document(document: Any, joints: int) -> Volatility:
+def volatility_from_document(document: Any, joints: int, *, where: str = "belief: track: volatility") -> Volatility:
     """A Volatility from its document; that of a new arm from None, as in beliefs of releases without it."""
     if document is None:
         return nothing_seen(joints)
-    return Volatility(**{f.name: array(document, f.name, (joints,), where="belief: track: volatility") for f in fields(Volatility)})
+    return Volatility(**{f.name: array(document, f.name, (joints,), where=where) for f in fields(Volatility)})

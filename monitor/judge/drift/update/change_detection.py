@@ -29,7 +29,8 @@ CLIPPED = 3.0  # [σ] a replay that is further from an estimated change makes it
 # [σ] an outlier counts for a change with less the further out it is, and with no less than this; several in a row on one side count in full
 CLIPPED_OUTLIER = 1.0
 # [σ] by which outliers in a row must differ from a shock that fades away, where noise is Gaussian. Where one replay counts with less,
-# because the tails are long, it is as many times more: t₃ noise makes shocks of 5 σ, and the next ones come while they fade.
+# because the tails are long, two of them must by as many times more: t₃ noise makes shocks of 5 σ, and the next ones come while they fade.
+# The sum of more has shorter tails.
 STAYS_SIGMA = 3.5
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
@@ -184,7 +185,8 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise, co
     new = (total - first) - rho * (total - innovation.value)
     # of what belongs to each replay alone, the sum keeps ends and 1 − ρ of the middle
     var = longer * (1.0 - rho**2) * noise_var + ((longer - 1.0) * (1.0 - rho) ** 2 + 1.0 + rho**2) * innovation.within_var
-    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * MOST_SIGMA / counted * np.sqrt(var)
+    tails = 1.0 + (MOST_SIGMA / counted - 1.0) * np.sqrt(np.minimum(2.0 / longer, 1.0))
+    stay: np.ndarray = np.sign(gate.run) * new > STAYS_SIGMA * tails * np.sqrt(var)
     return stay
 
 

@@ -60,9 +60,9 @@ def update_filter(
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
     noise = Noise(rho, var)
-    # outliers in a row are a step or a shock, and tell how long the tails are only once they are over
-    over = np.maximum(state.outliers - np.maximum(np.abs(gate.run) - 1.0, 0.0), 0.0)
-    counted = counted_sigma(over, state.replays, joints_per_arm)
+    run_before = np.maximum(np.abs(gate.run) - 1.0, 0.0)
+    # outliers in a row may be a step, and do not tell how long the tails are before they are over
+    counted = counted_sigma(np.maximum(state.outliers - run_before, 0.0), state.replays, joints_per_arm)
     bank = advance_bank(state, innovation, gate, counted, settings)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, noise, counted) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, noise, slot, joints_per_arm, settings, same_mass)
@@ -91,7 +91,8 @@ def update_filter(
         normalised=np.where(innovation.resolved, z, np.nan),
         event=event,
         gate_run=np.where(found, 0.0, gate.run),
-        outliers=state.outliers + (event == OUTLIER),
+        # those that proved a step never do
+        outliers=np.maximum(state.outliers + (event == OUTLIER) - np.where(change.of_wear & gate.in_a_row, run_before, 0.0), 0.0),
         ages=after.ages,
         responses=after.responses,
         glr_scores=after.glr_score_now,
@@ -174,14 +175,14 @@ def update_noise(
     step_var = np.where(usable, state.step_var + (half - state.step_var) / n, state.step_var)
     alike = clipped * clipped_before * var / np.maximum(var + np.minimum(shared, 0.0), var / 3.0)
     product = np.where(usable, state.product + (alike - state.product) / n, state.product)
-    square = np.where(usable, half / step_var, np.nan)
-    activity = follow(state.activity, square, joints_per_arm)
-    # beside work, squares of two sources alternate
-    volatility = state.volatility.after(square * STEADY / state.activity) if state.sources is None else state.volatility
+    activity = follow(state.activity, np.where(usable, half / step_var, np.nan), joints_per_arm)
     # the replays before and after a silent one are still compared with each other
     silent = (event == UNRESOLVED) | ((event == ORDINARY) & ~innovation.sensed)
     residual = np.where(silent, state.residual, np.where(informative, now, np.nan))
     floor = settings.between_floor**2
+    # as it was seen: what the level's uncertainty takes off changes while the level is learnt, which would look like noise that calms down
+    seen = 0.5 * (clipped - clipped_before) ** 2
+    volatility = state.volatility.after(np.where(usable, seen * STEADY / state.activity, np.nan), np.maximum(2.0 * within, floor))
     return replace(
         state,
         step_var=np.maximum(step_var, floor),
