@@ -83,10 +83,10 @@ def test_a_joint_without_a_square_is_as_it_was_and_every_factor_is_bounded(seed:
 
 
 def test_a_rough_fortnight_of_a_joint_is_no_wear_where_such_came_before() -> None:
-    """12 arms, a year, each joint's σ walks of its own: 13 to 15 joints had an alert while each had the σ that it has on average."""
-    rng, days, joints = np.random.default_rng(2), 365, 12 * J
-    _, alerted = lived(swelling(rng, days, joints) * correlated(rng, days, joints, std=0.02, rho=0.5))
-    assert alerted.sum() <= 8  # 2 to 5 of three seeds
+    """8 arms, σ of each joint walks, after ten months: 7 to 9 joints had an alert while each had the σ that it has on average."""
+    rng, days, joints = np.random.default_rng(2), 600, 8 * J
+    _, alerted = lived(swelling(rng, days, joints) * correlated(rng, days, joints, std=0.02, rho=0.5), learning=300)
+    assert alerted.sum() <= 3  # none and one of two seeds
 
 
 MIXED = np.array([0.003, 0.006, 0.012, 0.02, 0.03, 0.05])
