@@ -316,7 +316,7 @@ def _by_baseline(spans: list[dict[str, Any]]) -> str:
 def main() -> None:
     """`python -m monitor.studies.performance_card [--arms N] [--seed S] [--output FILE]`."""
     parser = argparse.ArgumentParser(prog="python -m monitor.studies.performance_card", description=__doc__)
-    parser.add_argument("--arms", type=at_least_one, default=960, help="on which nothing wears; six times as many have a 5 %% step")
+    parser.add_argument("--arms", type=at_least_one, default=720, help="on which nothing wears; six times as many have a 5 %% step")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
     parser.add_argument("--output", type=Path, default=TARGET)
