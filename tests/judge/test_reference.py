@@ -108,11 +108,11 @@ def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
 
 
 def test_a_small_payload_is_told_of_the_arm():
-    """Shoulder and elbow rise by 4 and 3 %, the wrists by less than 1 %: unweighed, a quarter of arms is told of a joint's wear."""
+    """Shoulder and elbow rise by 4 and 3 %, the wrists by less than 1 %: few arms are told of a joint's wear."""
     pattern = np.array([0.003, 0.04, 0.03, 0.01, 0.008, 0.0])
-    lived = Lived(32, 140, lambda day: pattern * (day >= 70), seed=5)
-    assert lived.rises.any(axis=(0, 2)).sum() <= 12  # a quarter of 160 arms of ten other seeds
-    assert lived.together.any(axis=0).sum() >= 15  # three fifths of them
+    lived = Lived(16, 140, lambda day: pattern * (day >= 70), seed=5)
+    assert lived.rises.any(axis=(0, 2)).sum() <= 3
+    assert lived.together.any(axis=0).sum() >= 10
 
 
 def test_two_joints_that_wear_are_both_told():
