@@ -12,7 +12,7 @@ from test_noise import DRIFT, LAWS, J, correlated, lived
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import unknown_joint
 from monitor.judge.drift.from_work import begin_work, swapped
-from monitor.judge.drift.noise.volatility import LEAST, Volatility, nothing_seen
+from monitor.judge.drift.noise.volatility import LEAST, Volatility, steady
 from monitor.judge.learn import begin, learn
 from monitor.recording import Array
 
@@ -27,8 +27,8 @@ def squares(noise: Array) -> Array:
 
 
 def after_all(each: Array) -> Volatility:
-    """After a year of squares (days, N)."""
-    volatility = nothing_seen(each.shape[1])
+    """After squares (days, N)."""
+    volatility = steady(each.shape[1])
     for square in each:
         volatility = volatility.after(square, np.zeros(len(square)))
     return volatility
@@ -54,7 +54,7 @@ def test_noise_of_one_size_shows_no_volatility_however_long_its_tails_are(rho: f
 def test_weeks_of_more_noise_are_foreseen_where_they_come_again_and_again() -> None:
     """20 arms, the second half of a year: squares are larger where the factor is among the largest fifth than where among the smallest."""
     rng, joints = np.random.default_rng(12), 20 * J
-    volatility, factors = nothing_seen(joints), []
+    volatility, factors = steady(joints), []
     each = squares(swelling(rng, 365, joints) * correlated(rng, 365, joints, std=1.0, rho=0.5))
     for square in each:
         factors.append(volatility.factor(J))
@@ -69,7 +69,7 @@ def test_weeks_of_more_noise_are_foreseen_where_they_come_again_and_again() -> N
 def test_a_joint_without_a_square_is_as_it_was_and_every_factor_is_bounded(seed: int, joints: int) -> None:
     """Squares of any size, a third of them missing."""
     rng = np.random.default_rng(seed)
-    volatility = nothing_seen(joints)
+    volatility = steady(joints)
     for _ in range(60):
         square = np.where(rng.random(joints) < 1 / 3, np.nan, np.exp(3.0 * rng.normal(size=joints)))
         new = volatility.after(square, np.zeros(len(square)))

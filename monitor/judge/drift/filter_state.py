@@ -22,8 +22,7 @@ from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import STEADY, alike, present
-from monitor.judge.drift.noise.volatility import Volatility
-from monitor.judge.drift.noise.volatility import nothing_seen as no_volatility_seen
+from monitor.judge.drift.noise.volatility import Volatility, steady
 from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
@@ -82,7 +81,7 @@ class FilterState:
     normalised: Array  # (N,) the same over its standard deviation
     event: Array  # (N,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay
     gate_run: Array  # (N,) signed count of gated replays in a row
-    outliers: Array  # (N,) number of gated replays so far
+    outliers: Array  # (N,) number of gated replays so far, without those that proved a step
     responses: Array  # (N, 2, W, S) error that a unit change at an earlier replay has left in the filter
     ages: Array  # (N, W) [replays] since then, ascending
     glr_scores: Array = field(metadata={"key": "scores"})  # (N, 2, W) of each such change: Σ G·ν/S with ν clipped
@@ -244,7 +243,7 @@ def initial_filter(
         product=var * rho,
         noise_weight=np.full(N, settings.between_replays),
         activity=np.full(N, STEADY),
-        volatility=no_volatility_seen(N),
+        volatility=steady(N),
         residual=unknown,
         consistency=np.ones(N),
         innovation=unknown,

@@ -27,7 +27,7 @@ from monitor.judge.drift.filter_state import (
     interval_growth,
 )
 from monitor.judge.drift.noise.size import STEADY
-from monitor.judge.drift.noise.volatility import nothing_seen
+from monitor.judge.drift.noise.volatility import steady
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.two_sources import EXTRA_STATES, TwoSources
@@ -63,7 +63,7 @@ def begin_work(state: FilterState, joints_per_arm: int, settings: DriftSettings)
         other_product=var * rho,
         other_noise_weight=np.full(N, settings.between_replays / joints_per_arm),
         other_activity=np.full(N, STEADY),
-        other_volatility=nothing_seen(N),
+        other_volatility=steady(N),
         other_residual=np.full(N, np.nan),
         other_gate_run=zero,
         coldest_c=np.full(N, np.nan),

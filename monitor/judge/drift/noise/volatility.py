@@ -18,7 +18,7 @@ from monitor.judge.document import array
 from monitor.judge.drift.noise.size import LARGEST_SQUARE
 from monitor.recording import Array
 
-RECENT_REPLAYS = 12.0  # memory of a joint's present squares: 8 and 16 do as well
+RECENT_REPLAYS = 12.0  # memory of a joint's present squares: 8 does about as well
 MEMORY_REPLAYS = 1000.0  # of what the arm's past says of them
 USUAL_REPLAYS = 200.0  # memory of the usual square: noise that is larger for good is usual after half a year
 FIRST_REPLAYS = 12  # before, what is usual is too uncertain for a square to be large or small
@@ -58,10 +58,10 @@ class Volatility:
         """(N,) b: share of what `level` says that the next square does, by all joints of the arm; 0 … 1."""
         J = joints_per_arm
         number = self.pairs.reshape(-1, J)
-        level_var = self.level_var.reshape(-1, J)
-        told = (number > 0) & (level_var > 0) & (self.square_var.reshape(-1, J) < UNTOLD_VAR)
-        each = np.where(told, self.product.reshape(-1, J) / np.where(told, level_var, 1.0), 0.0)
-        error = np.where(told, self.square_var.reshape(-1, J) / np.where(told, level_var, 1.0), 0.0)  # of n pairs: σ²(square)/σ²(level)/n
+        product, level_var, square_var = (mean.reshape(-1, J) for mean in (self.product, self.level_var, self.square_var))
+        told = (number > 0) & (level_var > 0) & (square_var < UNTOLD_VAR)
+        level_var = np.where(told, level_var, 1.0)
+        each, error = product / level_var, square_var / level_var  # of n pairs, the variance of `each` is `error`/n
         # one joint may have become noisier for good: neither the largest nor the smallest counts
         weight = np.where(told, number, 0.0)
         rank = np.argsort(np.argsort(np.where(told, each, np.inf), axis=1), axis=1)
@@ -88,7 +88,7 @@ class Volatility:
         replays = np.where(known, np.minimum(self.replays + 1.0, MEMORY_REPLAYS), self.replays)
         begun = known & (replays > FIRST_REPLAYS) & (self.usual > floor)
         relative = np.clip(np.where(begun, square / np.where(begun, self.usual, 1.0), 1.0), -LARGEST_SQUARE, LARGEST_SQUARE)
-        limited = np.where(begun, relative * self.usual, np.where(known, square, 0.0))
+        limited = np.where(begun, relative * self.usual, square)
         pairs = np.where(begun, np.minimum(self.pairs + 1.0, MEMORY_REPLAYS), self.pairs)
         share = np.where(begun, 1.0 / np.maximum(pairs, 1.0), 0.0)
         of_square, of_level = relative - self.square_mean, self.level - self.level_mean
@@ -108,12 +108,12 @@ class Volatility:
 
     def of_new_joints(self, new: np.ndarray) -> "Volatility":
         """With nothing seen of the joints in `new` (N,)."""
-        fresh = nothing_seen(len(new))
+        fresh = steady(len(new))
         return Volatility(**{f.name: np.where(new, getattr(fresh, f.name), getattr(self, f.name)) for f in fields(Volatility)})
 
 
-def nothing_seen(joints: int) -> Volatility:
-    """Before the first replay."""
+def steady(joints: int) -> Volatility:
+    """Before the first replay: no joint does anything of its own."""
     none, one = np.zeros(joints), np.ones(joints)
     return Volatility(
         usual=none,
@@ -132,5 +132,5 @@ def nothing_seen(joints: int) -> Volatility:
 def volatility_from_document(document: Any, joints: int, *, where: str = "belief: track: volatility") -> Volatility:
     """A Volatility from its document; that of a new arm from None, as in beliefs of releases without it."""
     if document is None:
-        return nothing_seen(joints)
+        return steady(joints)
     return Volatility(**{f.name: array(document, f.name, (joints,), where=where) for f in fields(Volatility)})

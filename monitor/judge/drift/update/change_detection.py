@@ -179,7 +179,7 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise, co
     step would be in each of them in full.
     """
     rho, noise_var = noise
-    row, longer = np.arange(len(rho)), np.clip(np.abs(gate.run) - 1.0, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
+    row, longer = np.arange(len(rho)), np.clip(gate.run_before, 1.0, DENSE - 1.0).astype(int)  # (N,) replays after the first
     nu, _ = bank.now.each_outlier(DENSE)  # (N, DENSE) youngest first
     total, first = np.cumsum(nu, axis=1)[row, longer], nu[row, longer]
     new = (total - first) - rho * (total - innovation.value)
@@ -208,7 +208,7 @@ def detect_change(
     N = state.joints
     in_a_row = gate.in_a_row
     # outliers before this one were not learned from, but they are replays since the baseline
-    since = state.replays + np.where(in_a_row, np.abs(gate.run) - 1.0, 0.0)
+    since = state.replays + np.where(in_a_row, gate.run_before, 0.0)
     # a change needs several replays; one that began while hardly anything was known belongs to the baseline, unless it is large
     large = in_a_row & (np.abs(innovation.value) >= EARLY_STEP)
     baseline = np.where(large, settings.gate_run, settings.baseline_replays)

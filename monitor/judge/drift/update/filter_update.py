@@ -60,9 +60,8 @@ def update_filter(
     innovation = innovate(state, observation, slot, var, settings)
     gate = gate_outliers(state, innovation, settings)
     noise = Noise(rho, var)
-    run_before = np.maximum(np.abs(gate.run) - 1.0, 0.0)
     # outliers in a row may be a step, and do not tell how long the tails are before they are over
-    counted = counted_sigma(np.maximum(state.outliers - run_before, 0.0), state.replays, joints_per_arm)
+    counted = counted_sigma(np.maximum(state.outliers - gate.run_before, 0.0), state.replays, joints_per_arm)
     bank = advance_bank(state, innovation, gate, counted, settings)
     gate = gate._replace(in_a_row=gate.in_a_row & (stays(bank, innovation, gate, noise, counted) | (state.replays < NOISE_KNOWN)))
     change = detect_change(state, bank, innovation, gate, noise, slot, joints_per_arm, settings, same_mass)
@@ -92,7 +91,7 @@ def update_filter(
         event=event,
         gate_run=np.where(found, 0.0, gate.run),
         # those that proved a step never do
-        outliers=np.maximum(state.outliers + (event == OUTLIER) - np.where(change.of_wear & gate.in_a_row, run_before, 0.0), 0.0),
+        outliers=np.maximum(state.outliers + (event == OUTLIER) - np.where(change.of_wear & gate.in_a_row, gate.run_before, 0.0), 0.0),
         ages=after.ages,
         responses=after.responses,
         glr_scores=after.glr_score_now,

@@ -44,6 +44,12 @@ class Gate(NamedTuple):
     run: Array  # signed count of gated replays in a row on one side, this one included
     in_a_row: np.ndarray  # as many of them as a step needs
 
+    @property
+    def run_before(self) -> Array:
+        """(N,) number of outliers in the run before this replay."""
+        before: Array = np.maximum(np.abs(self.run) - 1.0, 0.0)
+        return before
+
 
 def innovate(state: FilterState, observation: Observation, slot: Array, noise_var: Array, settings: DriftSettings) -> Innovation:
     """The innovation of a replay, by the state predicted to its time. slot : (N,) of the replay's context; noise_var : (N,) the state's."""
