@@ -16,6 +16,7 @@ from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import FilterState
+from monitor.judge.drift.update.change_detection import LONG
 from monitor.recording import DAY_S, Array
 
 FALLING = len(TIERS)  # column of `Counts` that counts fallen friction; the columns before it count risen friction, one a tier
@@ -23,9 +24,15 @@ COLUMNS = FALLING + 1
 # Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured where no change was found. One that was found by
 # chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, at which such an alert ends.
 CROSSINGS_PER_YEAR = 0.75
-# Share of the standard deviations that wear needs where observations beside work have found a rise, which is evidence too. With all of
-# them a quarter of slow wear waited for more than a month after it was found.
-FOUND_SHARE = 5.0 / 6.0
+# Share of the standard deviations that wear needs on the replay that finds a rise which began long ago: that it was found is evidence too.
+# With all of them a fifth of slow wear waited for days; with fewer, joints whose noise lasts longer than their fellows' are told of.
+FOUND_SHARE = 0.9
+# The same as long as a rise is held that was found beside observed work. With all of them a quarter of slow wear waited for more than a
+# month.
+WORK_FOUND_SHARE = 5.0 / 6.0
+# The same where no change was ever found. The filter lets wear of such a joint wander by little, and noise that lasts for months, or a
+# sensor that drifts, is what it follows.
+UNFOUND_SHARE = 1.18
 WORK_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
@@ -42,6 +49,7 @@ class WearAfterReplay:
     day: Array  # UTC day of the replay, counted from 1970-01-01
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
+    changed: np.ndarray | None = None  # whether a change was found since the joint was new; None: nobody knows
     risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's work is not observed
     beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
     # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
@@ -122,6 +130,7 @@ def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAft
         day=np.full(state.joints, float(day)),
         agreeing=state.agreeing,
         interval_days=state.interval_days,
+        changed=state.chance.since < state.replays,
         risen=None if state.sources is None else state.sources.risen > 0,
         beside=rise_beside(state.channels),
         fallen=reference.fallen,
@@ -189,9 +198,15 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
 
 
 def required_of_joints(after: WearAfterReplay, required: float) -> Array:
-    """(N,) standard deviations of wear that an advisory requires. required : of a joint of which no rise was found."""
-    every = np.full(len(after.wear), required)
-    return every if after.risen is None else np.where(after.risen, FOUND_SHARE * every, every)
+    """(N,) standard deviations of wear that an advisory requires. required : after a change that was found some time ago.
+
+    With replays alone, a rise needs less on the replay that finds it, where all replays since agree; later, when the size is known better,
+    as much as any. Beside work replays are rare, and it needs less for as long as it is held.
+    """
+    if after.risen is not None:
+        return np.where(after.risen, WORK_FOUND_SHARE * required, required)
+    share = np.ones(len(after.wear)) if after.changed is None else np.where(after.changed, 1.0, UNFOUND_SHARE)
+    return required * np.where(after.agreeing >= LONG, FOUND_SHARE, share)
 
 
 def _counted(before: Counts, after: WearAfterReplay, agree: np.ndarray, together: np.ndarray) -> Counts:
