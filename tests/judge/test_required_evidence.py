@@ -1,12 +1,22 @@
 """How sure a rise must be for an advisory: by whether a change was found, when it began, and how old a new wear rate is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_reference import DRIFT, HEALTH, Lived, of_joint
 
-from monitor.judge.alerts.evidence import WearAfterReplay, advisory_sigmas, nothing_counted, required_of_joints, weigh_evidence
+from monitor.judge.alerts.evidence import (
+    WearAfterReplay,
+    advisory_sigmas,
+    nothing_counted,
+    required_of_joints,
+    wear_of_state,
+    weigh_evidence,
+)
+from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.update.change_detection import LONG, OLD_REPLAYS, thresholds
 
 J = 6
@@ -57,18 +67,10 @@ def test_wear_that_no_change_explains_needs_more():
 
 def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
     """An arm whose belief is of a release that did not remember changes."""
-    after = after_replay(3.2)
+    joints = Lived(1, 30, lambda day: np.zeros(J)).joints
+    older = replace(joints, chance=chance_from_document(None, J))
     required = advisory_sigmas(J, HEALTH)
-    known = WearAfterReplay(
-        wear=after.wear,
-        wear_std=after.wear_std,
-        known=after.known,
-        usable=after.usable,
-        day=after.day,
-        agreeing=after.agreeing,
-        interval_days=after.interval_days,
-    )
-    assert required_of_joints(known, required) == pytest.approx(required)
+    assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
 @given(st.floats(1.0, 300.0), st.floats(1.0, 300.0))
@@ -91,6 +93,6 @@ def test_a_rate_that_began_months_ago_needs_less_than_before():
 def test_joints_in_which_nothing_was_found_are_known_as_such_and_a_step_is_remembered():
     """Eight healthy arms of 100 days, and a step of 15 % in their third joints: only those have changed."""
     lived = Lived(8, 100, lambda day: of_joint(2, 0.15 * (day >= 70)), seed=11)
-    changed = (lived.joints.chance.since < lived.joints.replays).reshape(8, J)
+    changed = wear_of_state(lived.joints, lived.joints.learnt_from, 99.0).changed.reshape(8, J)
     assert changed[:, 2].all()
     assert np.delete(changed, 2, axis=1).sum() <= 1

@@ -49,7 +49,7 @@ class WearAfterReplay:
     day: Array  # UTC day of the replay, counted from 1970-01-01
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
-    changed: np.ndarray | None = None  # whether a change was found since the joint was new; None: nobody knows
+    changed: np.ndarray  # whether a change was found since the joint was new; True in beliefs of releases that did not remember it
     risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's work is not observed
     beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
     # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
@@ -205,8 +205,7 @@ def required_of_joints(after: WearAfterReplay, required: float) -> Array:
     """
     if after.risen is not None:
         return np.where(after.risen, WORK_FOUND_SHARE * required, required)
-    share = np.ones(len(after.wear)) if after.changed is None else np.where(after.changed, 1.0, UNFOUND_SHARE)
-    return required * np.where(after.agreeing >= LONG, FOUND_SHARE, share)
+    return required * np.where(after.agreeing >= LONG, FOUND_SHARE, np.where(after.changed, 1.0, UNFOUND_SHARE))
 
 
 def _counted(before: Counts, after: WearAfterReplay, agree: np.ndarray, together: np.ndarray) -> Counts:

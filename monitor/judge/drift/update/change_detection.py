@@ -315,10 +315,11 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
 
 def thresholds(ages: Array, settings: DriftSettings, known: Array, *, beside_work: bool = False) -> Array:
     """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known : as in `likelihood_ratios`."""
-    by_age = 2.0 * np.log(np.maximum(ages, 1.0)) + KNOWN_NOISE * known[:, None] - OF_WORK * (beside_work & (ages < LONG))
+    log_age = np.log(np.maximum(ages, 1.0))
+    by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - OF_WORK * (beside_work & (ages < LONG))
     of_step = np.full_like(ages, settings.shift_sigma**2)
     of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
-    of_rate -= 2.0 * np.log(np.maximum(ages / OLD_REPLAYS, 1.0))
+    of_rate -= 2.0 * np.maximum(log_age - math.log(OLD_REPLAYS), 0.0)
     lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)
     return lowest
 
