@@ -17,7 +17,7 @@ from monitor.judge.alerts.evidence import (
     weigh_evidence,
 )
 from monitor.judge.drift.noise.chance import chance_from_document
-from monitor.judge.drift.update.change_detection import LONG, OLD_REPLAYS, thresholds
+from monitor.judge.drift.update.change_detection import LONG, OF_WORK, OLD_REPLAYS, thresholds
 
 J = 6
 STD = 0.02
@@ -81,8 +81,18 @@ def test_an_older_change_never_needs_more_evidence(age, other):
     assert old[1] <= old[0] + 1e-12
 
 
+def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
+    """From 20 replays on both have the same threshold, until that of a rate falls faster; beside work, a step keeps its own."""
+    of_step, of_rate = thresholds(np.array([[19.0, 20.0, 40.0, 80.0]]), DRIFT, np.zeros(1))[0]
+    assert of_step[:3] == pytest.approx(of_rate[:3])
+    assert of_step[3] > of_rate[3]
+    assert of_step[0] - of_step[1] > 2.0 * np.log(20.0 / 19.0) + 1.0
+    beside = thresholds(np.array([[20.0]]), DRIFT, np.zeros(1), beside_work=True)[0, 0, 0]
+    assert beside == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_WORK)
+
+
 def test_a_rate_that_began_months_ago_needs_less_than_before():
-    """After 120 replays a rate needs 3.54 σ, where 3.73 are by the frequency of chance alone; after 60 the two are the same."""
+    """After 80 replays a rate needs 3.79 σ, where 3.97 are by the frequency of chance alone; after 40 the two are the same."""
     by_chance = np.sqrt(DRIFT.pace_sigma**2 - 2.0 * np.log([OLD_REPLAYS, 2.0 * OLD_REPLAYS]))
     of_rate = np.sqrt(thresholds(np.array([[OLD_REPLAYS, 2.0 * OLD_REPLAYS]]), DRIFT, np.zeros(1))[0, 1])
     assert of_rate[0] == pytest.approx(by_chance[0])

@@ -33,10 +33,12 @@ CLIPPED_OUTLIER = 1.0
 # The sum of more has shorter tails.
 STAYS_SIGMA = 3.5
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
-RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
-# [replays] from this age on that threshold falls twice as fast with age: chance finds few rates that began months ago. Most of what it
+# [replays] from this age on a change has another threshold than younger ones: a new wear rate is hardly distinct from a step before, and
+# most of what chance finds is younger
+RATE_REPLAYS = 20
+# [replays] from this age on that of a rate falls twice as fast with age: chance finds few rates that began months ago. Most of what it
 # finds is a month old, where noise that lasts for days still looks like a rate
-OLD_REPLAYS = 60
+OLD_REPLAYS = 40
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
 USUAL_RATE_PER_DAY = 0.003  # [1/day] the same where a change is looked for, 110 % a year: what rises by 400 % a year needs more evidence
@@ -317,8 +319,10 @@ def thresholds(ages: Array, settings: DriftSettings, known: Array, *, beside_wor
     """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known : as in `likelihood_ratios`."""
     log_age = np.log(np.maximum(ages, 1.0))
     by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - OF_WORK * (beside_work & (ages < LONG))
-    of_step = np.full_like(ages, settings.shift_sigma**2)
-    of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
+    young = np.full_like(ages, settings.shift_sigma**2)
+    of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma**2, young)
+    # beside work, the starts of an old step share their evidence instead, see `summed_evidence`
+    of_step = young if beside_work else np.minimum(of_rate, young)
     of_rate -= 2.0 * np.maximum(log_age - math.log(OLD_REPLAYS), 0.0)
     lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)
     return lowest

@@ -13,7 +13,17 @@ ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years,
 SHARE_WORN = 3 / 8  # of so many: arms with each kind of wear
 SHARE_OTHERS = 1 / 4  # of all that: in worlds that no table lists
 # Times as many arms: medians of days that lie near what is asked for, and shares of lives. Of 15 arms such a median is known to a fifth.
-MORE = {"plain": 8, "noise-4": 3, "student-t3": 3, "summer-24": 2, "two-joints": 3, "grease-lag": 2, "paths": 4}
+MORE = {
+    "plain": 8,
+    "noise-4": 8,
+    "noise-5": 3,
+    "seasonal-noise-mild": 3,
+    "student-t3": 3,
+    "summer-24": 4,
+    "two-joints": 3,
+    "grease-lag": 3,
+    "paths": 8,
+}
 SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were for development, those from 3000 on nobody looked at
 
 Each = Callable[[Callable[[str], Any], Iterable[str]], Iterable[Any]]
