@@ -118,7 +118,7 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
         P -= gain[:, :, None] * P.sum(axis=1)[:, None, :]
         counts = (age >= ASSESS.drift.gate_run) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
         ratio = np.where(counts & (score > 0), score**2 / np.maximum(information, 1e-12), 0.0)
-        kept.append(np.max(ratio + 2.0 * np.log(np.maximum(age, 1.0)), axis=(1, 2)) - ASSESS.drift.shift_sigma**2)
+        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, np.zeros(1)), axis=(1, 2)))
     return Margins(np.array(kept).reshape(-1, fleet.arms, J), like.joint, like.onset)
 
 

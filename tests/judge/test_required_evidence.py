@@ -17,7 +17,7 @@ from monitor.judge.alerts.evidence import (
     weigh_evidence,
 )
 from monitor.judge.drift.noise.chance import chance_from_document
-from monitor.judge.drift.update.change_detection import LONG, OF_WORK, OLD_REPLAYS, thresholds
+from monitor.judge.drift.update.change_detection import LONG, OF_WORK, OLD_REPLAYS, RATE_REPLAYS, thresholds
 
 J = 6
 STD = 0.02
@@ -73,12 +73,28 @@ def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
     assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
-@given(st.floats(1.0, 300.0), st.floats(1.0, 300.0))
-def test_an_older_change_never_needs_more_evidence(age, other):
+@given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.booleans())
+def test_an_older_change_never_needs_more_evidence(age, other, known, beside_work):
     """Thresholds fall with age; that of a rate is never above that of a step of its age."""
-    young, old = (thresholds(np.full((1, 1), each), DRIFT, np.zeros(1))[0, :, 0] for each in sorted((age, other)))
+    of = (thresholds(np.full((1, 1), each), DRIFT, np.full(1, known), beside_work=beside_work)[0, :, 0] for each in sorted((age, other)))
+    young, old = of
     assert np.all(old <= young + 1e-12)
     assert old[1] <= old[0] + 1e-12
+
+
+@given(st.floats(1.0, 300.0), st.floats(0.0, 1.0))
+def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known):
+    """Thresholds of 20 σ: of a kind that is off, no candidate of any age is found."""
+    ages, known = np.full((1, 1), age), np.full(1, known)
+    for beside_work in (False, True):
+        as_set = thresholds(ages, DRIFT, known, beside_work=beside_work)[0, :, 0]
+        no_steps = thresholds(ages, replace(DRIFT, shift_sigma=20.0), known, beside_work=beside_work)[0, :, 0]
+        no_rates = thresholds(ages, replace(DRIFT, pace_sigma=20.0), known, beside_work=beside_work)[0, :, 0]
+        assert no_steps[0] > 300.0
+        assert no_rates[0] == as_set[0]
+        if age >= RATE_REPLAYS:  # a younger rate is hardly distinct from a step, and has its threshold
+            assert no_rates[1] > 300.0
+            assert no_steps[1] == as_set[1]
 
 
 def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
@@ -86,7 +102,7 @@ def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     of_step, of_rate = thresholds(np.array([[19.0, 20.0, 40.0, 80.0]]), DRIFT, np.zeros(1))[0]
     assert of_step[:3] == pytest.approx(of_rate[:3])
     assert of_step[3] > of_rate[3]
-    assert of_step[0] - of_step[1] > 2.0 * np.log(20.0 / 19.0) + 1.0
+    assert np.sqrt(of_step) == pytest.approx([4.54, 4.30, 4.14, 3.97], abs=0.01)
     beside = thresholds(np.array([[20.0]]), DRIFT, np.zeros(1), beside_work=True)[0, 0, 0]
     assert beside == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_WORK)
 
@@ -97,7 +113,8 @@ def test_a_rate_that_began_months_ago_needs_less_than_before():
     of_rate = np.sqrt(thresholds(np.array([[OLD_REPLAYS, 2.0 * OLD_REPLAYS]]), DRIFT, np.zeros(1))[0, 1])
     assert of_rate[0] == pytest.approx(by_chance[0])
     assert of_rate[1] == pytest.approx(np.sqrt(by_chance[1] ** 2 - 2.0 * np.log(2.0)))
-    assert np.all(of_rate > 3.5)
+    assert by_chance == pytest.approx([4.14, 3.97], abs=0.01)
+    assert of_rate == pytest.approx([4.14, 3.79], abs=0.01)
 
 
 def test_joints_in_which_nothing_was_found_are_known_as_such_and_a_step_is_remembered():

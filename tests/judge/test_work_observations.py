@@ -14,9 +14,9 @@ from monitor.judge.drift.filter_state import ORDINARY, OUTLIER, STEP, WORK_LEVEL
 from monitor.judge.drift.from_work import begin_work, correlated_over, observed, swapped
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import new_joints
-from monitor.judge.drift.suspicion import DOUBT_REPLAYS, doubted_rise
+from monitor.judge.drift.suspicion import DOUBT_REPLAYS, SUSPICIOUS, doubted_rise, suspected_rise
 from monitor.judge.drift.update import change_detection
-from monitor.judge.drift.update.change_detection import STEP_STD, SUMMED, thresholds
+from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, thresholds
 from monitor.judge.learn_work import WorkAssessment, assess_work
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
@@ -328,6 +328,20 @@ def test_a_rise_is_found_by_all_starts_together_where_none_of_them_is_sure(plant
         plant.work(LEARNT + 20)
         events.append(plant.history.last.belief.filter_state.event[1])
     assert events == [STEP, ORDINARY]
+
+
+@pytest.mark.parametrize(("share", "suspected"), [(0.97, False), (1.03, True)])
+def test_work_makes_an_old_step_suspected_by_the_threshold_that_it_has_beside_work(plant, share, suspected):
+    """A step of joint 2 that began 28 observations ago, just below and just above `SUSPICIOUS` times (5.15 σ)² − 2·ln 28."""
+    state = plant.history.last.belief.filter_state
+    scores, informations = np.zeros_like(state.glr_scores), np.zeros_like(state.glr_informations)
+    told, start = 1e4, int(np.argmax(state.ages[1] >= LONG))
+    asked = DriftSettings().shift_sigma ** 2 - 2.0 * np.log(state.ages[1, start])
+    chance = told * state.chance.of_starts()[1, 0, start]
+    scores[1, 0, start] = np.sqrt(share * SUSPICIOUS * asked * chance * (1.0 + STEP_STD**-2 / told))
+    informations[1, 0, start] = told
+    state = replace(state, glr_scores=scores, glr_informations=informations)
+    assert suspected_rise(state, DriftSettings()).tolist() == [False, suspected, False, False, False, False]
 
 
 def test_a_stored_belief_of_a_release_that_remembered_no_rise_is_read(plant):

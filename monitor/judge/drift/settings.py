@@ -41,9 +41,9 @@ class DriftSettings:
     gate_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.0  # a replay further from its prediction is an outlier …
     gate_run: Annotated[int, Interval(ge=2, le=20)] = 3  # … and so many in a row on one side are a step
     shift_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = (
-        5.15  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), see `likelihood_ratios`
+        5.15  # threshold of a step one replay ago; n replays ago it is √(shift_sigma² − 2·ln n), and less from 20 on, see `thresholds`
     )
-    pace_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.95  # the same from 20 replays on; beside work, of a new wear rate only
+    pace_sigma: Annotated[float, Interval(ge=2.0, le=20.0)] = 4.95  # the same for a new wear rate, from 20 replays on
     onsets_per_year: Annotated[float, Interval(ge=0.0, le=12.0)] = 0.3  # prior rate at which joints begin to wear, for undetected changes
     unseen_pace_std_per_day: Annotated[float, Interval(ge=1e-6, le=0.1)] = 8e-4  # prior of their wear rate, 30 % a year …
     unseen_step_std: Annotated[float, Interval(ge=1e-4, le=1.0)] = 0.05  # … and of their step [log]

@@ -21,12 +21,16 @@ SUSPICIOUS = 0.33  # of the likelihood ratio from which replays find a change: 2
 
 
 def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
-    """(N,) whether a rise of friction is suspected after an observation, by the generalised likelihood ratio of `change_detection`."""
+    """(N,) whether a rise of friction is suspected after an observation, by the generalised likelihood ratio of `change_detection`.
+
+    What only asks for a replay may be work's noise of some days.
+    """
     enough = (state.ages >= settings.gate_run - 1) & (state.ages <= (state.replays - settings.baseline_replays)[:, None])
     expected = state.glr_informations * state.chance.of_starts()
     rises = np.maximum(state.glr_scores, 0.0)
     known = noise_known(state, settings.prior)
-    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, settings, known)
+    information = state.glr_informations
+    _, relative = likelihood_ratios(rises, expected, information, state.ages, enough, settings, known, beside_work=True, of_work=0.0)
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
 

@@ -33,9 +33,10 @@ CLIPPED_OUTLIER = 1.0
 # The sum of more has shorter tails.
 STAYS_SIGMA = 3.5
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
-# [replays] from this age on a change has another threshold than younger ones: a new wear rate is hardly distinct from a step before, and
-# most of what chance finds is younger
-RATE_REPLAYS = 20
+RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
+# [χ²] by which the threshold of a step is lower from the same age on, so that it is that of a rate: of what chance finds, hardly any is
+# such a step. Not beside work, where the starts of an old step share their evidence: `summed_evidence`
+OF_OLD_STEP = 5.15**2 - 4.95**2
 # [replays] from this age on that of a rate falls twice as fast with age: chance finds few rates that began months ago. Most of what it
 # finds is a month old, where noise that lasts for days still looks like a rate
 OLD_REPLAYS = 40
@@ -280,11 +281,13 @@ def likelihood_ratios(
     known: Array,
     *,
     beside_work: bool = False,
+    of_work: float = OF_WORK,
 ) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
-    start has enough replays before it and since. known : (N,) `noise_known`. beside_work : whether work is observed beside replays.
+    start has enough replays before it and since. known : (N,) `noise_known`. beside_work : whether work is observed beside replays;
+    of_work : [χ²] by which the thresholds of young candidates are then higher.
 
     The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
     prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints
@@ -295,7 +298,7 @@ def likelihood_ratios(
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
-    return ratio, ratio / with_prior / thresholds(ages, settings, known, beside_work=beside_work)
+    return ratio, ratio / with_prior / thresholds(ages, settings, known, beside_work=beside_work, of_work=of_work)
 
 
 def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages: Array, enough: np.ndarray) -> Array:
@@ -315,14 +318,12 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
     return summed
 
 
-def thresholds(ages: Array, settings: DriftSettings, known: Array, *, beside_work: bool = False) -> Array:
-    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known : as in `likelihood_ratios`."""
+def thresholds(ages: Array, settings: DriftSettings, known: Array, *, beside_work: bool = False, of_work: float = OF_WORK) -> Array:
+    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known, of_work : as in `likelihood_ratios`."""
     log_age = np.log(np.maximum(ages, 1.0))
-    by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - OF_WORK * (beside_work & (ages < LONG))
-    young = np.full_like(ages, settings.shift_sigma**2)
-    of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma**2, young)
-    # beside work, the starts of an old step share their evidence instead, see `summed_evidence`
-    of_step = young if beside_work else np.minimum(of_rate, young)
+    by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - of_work * (beside_work & (ages < LONG))
+    of_step = settings.shift_sigma**2 - OF_OLD_STEP * ((ages >= RATE_REPLAYS) & (not beside_work))
+    of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
     of_rate -= 2.0 * np.maximum(log_age - math.log(OLD_REPLAYS), 0.0)
     lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)
     return lowest
