@@ -76,8 +76,9 @@ def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
 @given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.booleans())
 def test_an_older_change_never_needs_more_evidence(age, other, known, beside_work):
     """Thresholds fall with age; that of a rate is never above that of a step of its age."""
-    of = (thresholds(np.full((1, 1), each), DRIFT, np.full(1, known), beside_work=beside_work)[0, :, 0] for each in sorted((age, other)))
-    young, old = of
+    young, old = (
+        thresholds(np.full((1, 1), each), DRIFT, np.full(1, known), beside_work=beside_work)[0, :, 0] for each in sorted((age, other))
+    )
     assert np.all(old <= young + 1e-12)
     assert old[1] <= old[0] + 1e-12
 
@@ -113,6 +114,7 @@ def test_a_rate_that_began_months_ago_needs_less_than_before():
     of_rate = np.sqrt(thresholds(np.array([[OLD_REPLAYS, 2.0 * OLD_REPLAYS]]), DRIFT, np.zeros(1))[0, 1])
     assert of_rate[0] == pytest.approx(by_chance[0])
     assert of_rate[1] == pytest.approx(np.sqrt(by_chance[1] ** 2 - 2.0 * np.log(2.0)))
+    assert np.all(of_rate > 3.5)
     assert by_chance == pytest.approx([4.14, 3.97], abs=0.01)
     assert of_rate == pytest.approx([4.14, 3.79], abs=0.01)
 

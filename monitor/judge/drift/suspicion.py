@@ -21,15 +21,13 @@ SUSPICIOUS = 0.33  # of the likelihood ratio from which replays find a change: 2
 
 
 def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
-    """(N,) whether a rise of friction is suspected after an observation, by the generalised likelihood ratio of `change_detection`.
-
-    What only asks for a replay may be work's noise of some days.
-    """
+    """(N,) whether a rise of friction is suspected after an observation, by the generalised likelihood ratio of `change_detection`."""
     enough = (state.ages >= settings.gate_run - 1) & (state.ages <= (state.replays - settings.baseline_replays)[:, None])
-    expected = state.glr_informations * state.chance.of_starts()
+    information = state.glr_informations
+    expected = information * state.chance.of_starts()
     rises = np.maximum(state.glr_scores, 0.0)
     known = noise_known(state, settings.prior)
-    information = state.glr_informations
+    # what only asks for a replay may be work's noise of some days: `of_work`
     _, relative = likelihood_ratios(rises, expected, information, state.ages, enough, settings, known, beside_work=True, of_work=0.0)
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected

@@ -36,7 +36,7 @@ DENSE = 28  # none of the youngest starts is dropped: without a step's first rep
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 # [χ²] by which the threshold of a step is lower from the same age on, so that it is that of a rate: of what chance finds, hardly any is
 # such a step. Not beside work, where the starts of an old step share their evidence: `summed_evidence`
-OF_OLD_STEP = 5.15**2 - 4.95**2
+OF_OLD_STEP = DriftSettings().shift_sigma ** 2 - DriftSettings().pace_sigma ** 2
 # [replays] from this age on that of a rate falls twice as fast with age: chance finds few rates that began months ago. Most of what it
 # finds is a month old, where noise that lasts for days still looks like a rate
 OLD_REPLAYS = 40

@@ -12,7 +12,8 @@ DAYS = 1095  # of every healthy arm
 ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years, so that 5 events prove 0.1 a year
 SHARE_WORN = 3 / 8  # of so many: arms with each kind of wear
 SHARE_OTHERS = 1 / 4  # of all that: in worlds that no table lists
-# Times as many arms: medians of days that lie near what is asked for, and shares of lives. Of 15 arms such a median is known to a fifth.
+# Times as many arms: medians of days and false advisories that lie near what is asked for, and shares of lives. Of 15 arms such a median
+# is known to a fifth.
 MORE = {
     "plain": 8,
     "noise-4": 8,
