@@ -90,3 +90,17 @@ def test_a_belief_of_schema_1_is_refused_with_what_to_do():
     """It cannot be carried over; the message says how the history is kept."""
     with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 to 4\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})
+
+
+def test_a_belief_without_the_square_of_the_warming_rate_is_as_certain_as_it_was():
+    """Releases before assumed that all replays warm alike."""
+    history, rng = History(), np.random.default_rng(2)
+    for day in range(8):
+        history.add(day, Arm(seed=day).replay(weather(day, rng)))
+    document = history.last.belief.as_document()
+    usual = np.linspace(0.01, 0.06, 6)
+    document["track"]["usual_warming"] = usual.tolist()
+    del document["track"]["warming_square"]
+    read = belief_from_document(document).filter_state
+    assert np.array_equal(read.usual_warming, usual)
+    assert np.allclose(read.extrapolated, 1.0)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.judge.drift.filter_state import FAST_K_PER_MIN, LAG, SLOPE, initial_filter, remember_warming, saturating
+from monitor.judge.drift.filter_state import FAST_K_PER_MIN, LAG, SLOPE, FilterState, initial_filter, remember_warming, saturating
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
@@ -69,3 +69,33 @@ def test_a_replay_that_taught_nothing_leaves_the_usual_warming_rate():
     warm = remember_warming(learnt, np.full(N, 0.3))
     slot = np.zeros(N, dtype=int)
     assert np.all(warm.reference(np.full(N, 30.0), slot)[1] > state.reference(np.full(N, 30.0), slot)[1])
+
+
+def warmed(rates: list[float]) -> FilterState:
+    """A joint's state after replays at these warming rates, with a lag of 10 min."""
+    N = 6
+    seen = Observation(np.zeros(N), np.full(N, 1e-5), np.full(N, 30.0), np.full(N, 0.4), np.zeros(N), np.ones(N), np.ones(N))
+    state = initial_filter(seen, DRIFT, fall_per_k=0.015, fall_std_per_k=0.007, coulomb_std_per_k=0.003)
+    mean = state.mean.copy()
+    mean[:, LAG] = 10.0 * mean[:, SLOPE]
+    for n, rate in enumerate(rates, 1):
+        state = remember_warming(replace(state, mean=mean, event=np.zeros(N), replays=np.full(N, float(n))), np.full(N, rate))
+    return state
+
+
+@given(rates=st.lists(st.floats(0.001, 1.0), min_size=1, max_size=80))
+def test_the_share_that_is_extrapolated_is_one_where_all_replays_warm_alike_and_never_more(rates: list[float]):
+    """By the inequality of Cauchy and Schwarz, whatever the weights of the replays."""
+    assert np.all(warmed(rates).extrapolated <= 1.0 + 1e-12)
+    assert np.allclose(warmed([rates[0]] * len(rates)).extrapolated, 1.0)
+
+
+def test_the_steady_state_is_more_certain_where_some_replays_saw_it():
+    """Of two joints with one mean warming rate, the one whose replays come cold and warm; a rate that is known late counts in full."""
+    at, slot = np.full(6, 30.0), np.zeros(6, dtype=int)
+    alike, apart = warmed([0.05] * 40), warmed([0.0, 0.2] * 20)  # h is 0 and 0.067 in turn
+    assert np.allclose(apart.extrapolated, 0.5)
+    assert np.all(apart.reference(at, slot)[1] < alike.reference(at, slot)[1])
+    late = warmed([np.nan] * 30 + [0.05])
+    assert np.allclose(late.usual_warming, alike.usual_warming)
+    assert np.allclose(late.extrapolated, 1.0)

@@ -50,11 +50,12 @@ FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 
 # What Ṫ does not tell of a lag L makes the steady state uncertain. Grease has T − L·Ṫ + L²·T̈ − …: the filter knows the second term, and the
 # third is L/τ times as large in a motor that warms within τ. So the uncertainty grows with L². Learnt lags are about half of the true ones,
 # because h saturates and Ṫ is noisy, and steady states were off by more than the third term: this time instead of τ covers that. It is a
-# compromise by trial: 90 % intervals hold where lags are 3–6 min and where they are 10–30 min.
+# compromise by trial, as the square of the share that is extrapolated: 90 % intervals hold where lags are 3–6 min and where they are
+# 10–30 min, where motors warm by 6–16 K and by 15–30 K.
 LAG_SERIES_MIN = 2.0
 LONGEST_LAG_MIN = 30.0  # more is not believed of a joint whose friction hardly depends on temperature, so that its lag is not known
 LEAST_SLOPE = 1e-3  # [1/K] the same: β of less says nothing of the lag
-WARMING_REPLAYS = 60.0  # memory of the usual warming rate
+WARMING_REPLAYS = 60.0  # memory of the usual warming rate and its square
 HOLIDAY = 10.0  # times the usual interval: so long a pause says nothing about the usual interval …
 LEAST_USUAL_DAYS = 1.0  # … or times a day where it is less: after replays within minutes, every later one would be a holiday
 SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
@@ -88,6 +89,7 @@ class FilterState:
     raw_glr_scores: Array = field(metadata={"key": "raw_scores"})  # (N, 2, W) the same with ν in full
     glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
     usual_warming: Array  # (N,) [K/min] mean |h(Ṫ)| of replays; 0 in beliefs of releases without it
+    warming_square: Array  # (N,) [K²/min²] mean h(Ṫ)² of replays; NaN before the first
     agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
     stepped: Array  # (N,) [log] wear that came in steps
     chance: Chance  # by how much more chance moves friction than the model says, by age
@@ -188,6 +190,16 @@ class FilterState:
         """(N, S) H of `reference`: wear included, noise left out."""
         return self.row(temperature_c - self.origin_c, np.zeros(self.joints), slot, noise=0.0)
 
+    @property
+    def extrapolated(self) -> Array:
+        """(N,) share of the steady state that is extrapolated: the squared mean of the warming rates over their mean square.
+
+        1 where all replays warm alike; less where some of them are made at other rates, nearer to the steady state or further from it.
+        """
+        known = self.warming_square > 0.0  # nor is NaN
+        share: Array = np.where(known, self.usual_warming**2 / np.where(known, self.warming_square, 1.0), 1.0)
+        return share
+
     def steady_mean(self, temperature_c: Array, slot: Array) -> Array:
         """(N,) mean of `reference`."""
         mean: Array = np.einsum("na,na->n", self.reference_row(temperature_c, slot), self.mean)
@@ -196,12 +208,13 @@ class FilterState:
     def reference(self, temperature_c: Array, slot: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of log F at a temperature (N,) in the steady state, wear included and noise left out, (N,) each.
 
-        Where replays are made while the joint warms, the steady state is an extrapolation: less certain the longer the lag.
+        Where replays are made while the joint warms, the steady state is an extrapolation: less certain the longer the lag, and the less
+        the warming rate differs from replay to replay.
         """
         H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
         lag = np.minimum(np.abs(self.mean[:, LAG]) / np.maximum(np.abs(self.mean[:, SLOPE]), LEAST_SLOPE), LONGEST_LAG_MIN)
-        unknown = self.mean[:, LAG] * self.usual_warming * lag / LAG_SERIES_MIN
+        unknown = self.mean[:, LAG] * self.usual_warming * self.extrapolated**2 * lag / LAG_SERIES_MIN
         var = np.einsum("na,nab,nb->n", H, self.cov, H) + unknown**2
         return mean, np.sqrt(np.maximum(var, 0.0))
 
@@ -257,6 +270,7 @@ def initial_filter(
         raw_glr_scores=np.zeros((N, KINDS, WINDOW)),
         glr_informations=np.zeros((N, KINDS, WINDOW)),
         usual_warming=np.zeros(N),
+        warming_square=unknown,
         agreeing=np.ones(N),
         stepped=np.zeros(N),
         history=empty_history(N, SLOTS),
@@ -448,9 +462,15 @@ def saturating(warming: Array) -> Array:
 def remember_warming(state: FilterState, warming_k_per_min: Array) -> FilterState:
     """The state with the usual warming rate after a replay at rates (N,), NaN where unknown, that the filter learned from."""
     seen = state.learnt_from & np.isfinite(warming_k_per_min)
-    rate = np.where(seen, np.abs(saturating(warming_k_per_min)), state.usual_warming)
-    n = np.clip(state.replays, 1.0, WARMING_REPLAYS)
-    return replace(state, usual_warming=state.usual_warming + (rate - state.usual_warming) / n)
+    rate = np.abs(saturating(warming_k_per_min))
+    first = np.isnan(state.warming_square)
+    share = 1.0 / np.clip(state.replays, 1.0, WARMING_REPLAYS)
+
+    def learn(mean: Array, value: Array) -> Array:
+        learnt: Array = np.where(seen, np.where(first, value, mean + share * (value - mean)), mean)
+        return learnt
+
+    return replace(state, usual_warming=learn(state.usual_warming, rate), warming_square=learn(state.warming_square, rate**2))
 
 
 def update_interval(state: FilterState, days: Array) -> FilterState:
