@@ -293,8 +293,9 @@ def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
     complete = {"activity": [1.0] * J, "usual_warming": [0.0] * J, **document}  # releases without it
     complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
     arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance", "volatility", "sources")]
-    if "warming_square" not in complete:  # releases without it: as if all replays had warmed alike
-        complete["warming_square"] = array(complete, "usual_warming", (J,), where="belief: track") ** 2
+    if "warming_square" not in complete:  # releases without it: as if all replays had warmed alike, if any warming rate was known
+        usual = array(complete, "usual_warming", (J,), where="belief: track")
+        complete["warming_square"] = np.where(usual > 0, usual**2, np.nan)
     values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
     state = FilterState(
         **values,

@@ -10,8 +10,11 @@ from synthetic_arm import CONTEXT, DAY_S, Arm, History, fresh, weather
 from monitor.errors import BadInput
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import (
+    ORDINARY,
     RATE,
     WEAR,
+    remember_warming,
+    saturating,
 )
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import learn
@@ -93,14 +96,19 @@ def test_a_belief_of_schema_1_is_refused_with_what_to_do():
 
 
 def test_a_belief_without_the_square_of_the_warming_rate_is_as_certain_as_it_was():
-    """Releases before assumed that all replays warm alike."""
+    """Releases before assumed that all replays warm alike; where no rate was known, the first one is the usual one from the start."""
     history, rng = History(), np.random.default_rng(2)
     for day in range(8):
         history.add(day, Arm(seed=day).replay(weather(day, rng)))
     document = history.last.belief.as_document()
-    usual = np.linspace(0.01, 0.06, 6)
+    usual = np.linspace(0.0, 0.05, 6)  # joint 1: unknown
     document["track"]["usual_warming"] = usual.tolist()
     del document["track"]["warming_square"]
-    read = belief_from_document(document).filter_state
-    assert np.array_equal(read.usual_warming, usual)
-    assert np.allclose(read.extrapolated, 1.0)
+    state = belief_from_document(document).filter_state
+    assert np.array_equal(state.usual_warming, usual)
+    assert np.allclose(state.extrapolated, 1.0)
+    state = replace(state, event=np.full(6, float(ORDINARY)), replays=np.full(6, 100.0))
+    for _ in range(5):
+        state = remember_warming(state, np.full(6, 0.05))
+    assert np.isclose(state.extrapolated[0], 1.0)
+    assert np.isclose(state.usual_warming[0], saturating(np.full(1, 0.05))[0])

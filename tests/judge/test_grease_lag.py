@@ -99,3 +99,18 @@ def test_the_steady_state_is_more_certain_where_some_replays_saw_it():
     late = warmed([np.nan] * 30 + [0.05])
     assert np.allclose(late.usual_warming, alike.usual_warming)
     assert np.allclose(late.extrapolated, 1.0)
+
+
+def test_a_rare_cold_start_does_not_make_the_steady_state_much_more_certain():
+    """Of twenty replays nineteen see one rate: what they have in common stays unknown by half at least."""
+    usual, none = warmed([0.01] * 60), warmed([0.01] * 60)
+    rare = warmed([*[0.01] * 19, 1.0] * 3)
+    assert np.all(rare.extrapolated < 0.6)
+    none = replace(none, usual_warming=np.zeros(6))
+    at, slot = np.full(6, 30.0), np.zeros(6, dtype=int)
+
+    def unknown_var(state: FilterState) -> np.ndarray:
+        return state.reference(at, slot)[1] ** 2 - none.reference(at, slot)[1] ** 2
+
+    each = (rare.usual_warming / usual.usual_warming) ** 2
+    assert np.all(unknown_var(rare) > 0.24 * each * unknown_var(usual))

@@ -53,6 +53,7 @@ FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 
 # compromise by trial, as the square of the share that is extrapolated: 90 % intervals hold where lags are 3–6 min and where they are
 # 10–30 min, where motors warm by 6–16 K and by 15–30 K.
 LAG_SERIES_MIN = 2.0
+LEAST_EXTRAPOLATED = 0.5  # a rare cold start differs much from the other replays, and tells little of what they see
 LONGEST_LAG_MIN = 30.0  # more is not believed of a joint whose friction hardly depends on temperature, so that its lag is not known
 LEAST_SLOPE = 1e-3  # [1/K] the same: β of less says nothing of the lag
 WARMING_REPLAYS = 60.0  # memory of the usual warming rate and its square
@@ -214,7 +215,8 @@ class FilterState:
         H = self.reference_row(temperature_c, slot)
         mean = np.einsum("na,na->n", H, self.mean)
         lag = np.minimum(np.abs(self.mean[:, LAG]) / np.maximum(np.abs(self.mean[:, SLOPE]), LEAST_SLOPE), LONGEST_LAG_MIN)
-        unknown = self.mean[:, LAG] * self.usual_warming * self.extrapolated**2 * lag / LAG_SERIES_MIN
+        extrapolated = np.maximum(self.extrapolated**2, LEAST_EXTRAPOLATED)
+        unknown = self.mean[:, LAG] * self.usual_warming * extrapolated * lag / LAG_SERIES_MIN
         var = np.einsum("na,nab,nb->n", H, self.cov, H) + unknown**2
         return mean, np.sqrt(np.maximum(var, 0.0))
 

@@ -23,7 +23,7 @@ MORE = {
     "summer-24": 4,
     "two-joints": 3,
     "grease-lag": 3,
-    "paths": 8,
+    "paths": 16,
 }
 SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were for development, those from 3000 on nobody looked at
 
