@@ -56,7 +56,8 @@ WAITING = (
 LONG = ("acquire/", "store/test_series.py", "studies/", "test_assess.py", "golden/", "cli/", "design/")
 GIVE_WAY = 19  # niceness of the other workers, where the kernel knows no better way to let the arm go first
 GIVE_SOME_WAY = 10  # of the worker that waits: before those that only compute, after the arm
-ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/")
+# the page has a browser at its other end, and the browser has what the arms in real time leave of one core
+ON_THE_WIRE = (*REAL_TIME, "acquire/", "simulate/", "publish/", "views/test_page_browser.py")
 # for a client, a browser, a period: two thirds of the time on the wire
 MOSTLY_WAITING = ("views/", "service/", "simulate/", "publish/")
 

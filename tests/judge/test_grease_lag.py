@@ -13,6 +13,7 @@ from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.temperature.laws import TemperatureSettings
 
 DRIFT, LAWS = DriftSettings(), TemperatureSettings()
+J = 6
 TAU_MIN, RISE_K = 30.0, 12.0  # of the motor after the start of work
 
 
@@ -58,28 +59,30 @@ def test_a_lag_of_twenty_minutes_is_learnt_and_the_steady_state_stays_within_its
     assert np.mean(np.abs(mean - log_torque(T0)) < 1.645 * std) >= 0.8
 
 
+def unlearnt() -> FilterState:
+    """The state of an arm's joints before the first replay."""
+    seen = Observation(np.zeros(J), np.full(J, 1e-5), np.full(J, 30.0), np.full(J, 0.4), np.zeros(J), np.ones(J), np.ones(J))
+    return initial_filter(seen, DRIFT, fall_per_k=0.015, fall_std_per_k=0.007, coulomb_std_per_k=0.003)
+
+
 def test_a_replay_that_taught_nothing_leaves_the_usual_warming_rate():
     """Nor does one of an unknown rate; the steady state is less certain the faster a joint usually warms."""
-    N = 6
-    seen = Observation(np.zeros(N), np.full(N, 1e-5), np.full(N, 30.0), np.full(N, 0.4), np.zeros(N), np.ones(N), np.ones(N))
-    state = initial_filter(seen, DRIFT, fall_per_k=0.015, fall_std_per_k=0.007, coulomb_std_per_k=0.003)
-    assert np.array_equal(remember_warming(state, np.full(N, 0.3)).usual_warming, state.usual_warming)  # nothing was learnt yet
-    learnt = replace(state, event=np.zeros(N), replays=np.ones(N))
-    assert np.array_equal(remember_warming(learnt, np.full(N, np.nan)).usual_warming, state.usual_warming)
-    warm = remember_warming(learnt, np.full(N, 0.3))
-    slot = np.zeros(N, dtype=int)
-    assert np.all(warm.reference(np.full(N, 30.0), slot)[1] > state.reference(np.full(N, 30.0), slot)[1])
+    state = unlearnt()
+    assert np.array_equal(remember_warming(state, np.full(J, 0.3)).usual_warming, state.usual_warming)  # nothing was learnt yet
+    learnt = replace(state, event=np.zeros(J), replays=np.ones(J))
+    assert np.array_equal(remember_warming(learnt, np.full(J, np.nan)).usual_warming, state.usual_warming)
+    warm = remember_warming(learnt, np.full(J, 0.3))
+    slot = np.zeros(J, dtype=int)
+    assert np.all(warm.reference(np.full(J, 30.0), slot)[1] > state.reference(np.full(J, 30.0), slot)[1])
 
 
 def warmed(rates: list[float]) -> FilterState:
     """A joint's state after replays at these warming rates, with a lag of 10 min."""
-    N = 6
-    seen = Observation(np.zeros(N), np.full(N, 1e-5), np.full(N, 30.0), np.full(N, 0.4), np.zeros(N), np.ones(N), np.ones(N))
-    state = initial_filter(seen, DRIFT, fall_per_k=0.015, fall_std_per_k=0.007, coulomb_std_per_k=0.003)
+    state = unlearnt()
     mean = state.mean.copy()
     mean[:, LAG] = 10.0 * mean[:, SLOPE]
     for n, rate in enumerate(rates, 1):
-        state = remember_warming(replace(state, mean=mean, event=np.zeros(N), replays=np.full(N, float(n))), np.full(N, rate))
+        state = remember_warming(replace(state, mean=mean, event=np.zeros(J), replays=np.full(J, float(n))), np.full(J, rate))
     return state
 
 
@@ -92,7 +95,7 @@ def test_the_share_that_is_extrapolated_is_one_where_all_replays_warm_alike_and_
 
 def test_the_steady_state_is_more_certain_where_some_replays_saw_it():
     """Of two joints with one mean warming rate, the one whose replays come cold and warm; a rate that is known late counts in full."""
-    at, slot = np.full(6, 30.0), np.zeros(6, dtype=int)
+    at, slot = np.full(J, 30.0), np.zeros(J, dtype=int)
     alike, apart = warmed([0.05] * 40), warmed([0.0, 0.2] * 20)  # h is 0 and 0.067 in turn
     assert np.allclose(apart.extrapolated, 0.5)
     assert np.all(apart.reference(at, slot)[1] < alike.reference(at, slot)[1])
@@ -103,11 +106,11 @@ def test_the_steady_state_is_more_certain_where_some_replays_saw_it():
 
 def test_a_rare_cold_start_does_not_make_the_steady_state_much_more_certain():
     """Of twenty replays nineteen see one rate: what they have in common stays unknown by half at least."""
-    usual, none = warmed([0.01] * 60), warmed([0.01] * 60)
+    usual = warmed([0.01] * 60)
     rare = warmed([*[0.01] * 19, 1.0] * 3)
     assert np.all(rare.extrapolated < 0.6)
-    none = replace(none, usual_warming=np.zeros(6))
-    at, slot = np.full(6, 30.0), np.zeros(6, dtype=int)
+    none = replace(usual, usual_warming=np.zeros(J))
+    at, slot = np.full(J, 30.0), np.zeros(J, dtype=int)
 
     def unknown_var(state: FilterState) -> np.ndarray:
         return state.reference(at, slot)[1] ** 2 - none.reference(at, slot)[1] ** 2
