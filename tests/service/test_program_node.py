@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import struct
 import threading
 import time
 from pathlib import Path
@@ -16,6 +17,7 @@ from monitor.acquire.hand_over.script import BEAT, DUE, IDLE, OFFER, OFFERED, ST
 from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.ur.driver import UniversalRobots
+from monitor.acquire.ur.ports.rtde_rows import PORT as RTDE_PORT
 from monitor.config.load import load
 from monitor.errors import BadInput, RobotUnreachable
 from monitor.service.hand_over.node_check import node_conditions, own_address
@@ -28,6 +30,7 @@ from monitor.simulate.settings import SimulateSettings
 
 HOST = f"127.0.9.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 SILENT = "127.0.9.250"  # nothing answers there
+SLOW = "127.0.9.251"
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +195,25 @@ def test_check_compares_the_text_of_today_with_that_of_the_program(node: NodeTex
     assert other.holds  # it speaks against no service: the program works
     assert not other.checked
     assert "HAS ANOTHER TEXT: stop it and play it again" in other.text
+
+
+def test_a_controller_that_takes_its_time_still_says_what_its_program_has():
+    """On a busy host or a slow network each answer takes half a second; that is not a controller that does not say it."""
+    outputs = bytes((1,)) + b"INT32,INT32"
+    answers = ((b"V", b"\x01"), (b"O", outputs), (b"S", b"\x01"), (b"U", b"\x01" + struct.pack(">2i", 77, 12)))
+
+    def answer(listening: socket.socket) -> None:
+        wire, _ = listening.accept()
+        with wire:
+            for kind, payload in answers:
+                if kind != b"U":
+                    wire.recv(4096)
+                time.sleep(0.5)
+                wire.sendall(struct.pack(">H", 3 + len(payload)) + kind + payload)
+
+    with socket.create_server((SLOW, RTDE_PORT)) as listening:
+        threading.Thread(target=answer, args=(listening,), daemon=True).start()
+        assert UniversalRobots().node_says(SLOW) == (77, 12)
 
 
 def test_what_a_program_says_of_its_text_is_what_check_expects(node: NodeText):

@@ -392,6 +392,7 @@ def test_the_dialogs_and_the_report_are_german_too(opened, served):
     with page.expect_popup() as opening:
         page.locator("#report-link").click()
     report = opening.value
+    report.wait_for_load_state()  # all of it is read below, its drawings come last
     expect(report.locator("h1")).to_have_text("Bericht über den Reibungszustand")
     text = report.locator("body").inner_text()
     for foreign in FOREIGN:

@@ -21,6 +21,7 @@ HEAD = struct.Struct(">HB")  # length with this head, type
 VERSION, OUTPUTS, START, ROW, SOFTWARE = ord("V"), ord("O"), ord("S"), ord("U"), ord("v")
 NUMBERS = struct.Struct(">4I")  # major, minor, bugfix, build
 VECTOR6D = struct.Struct(">6d")
+PATIENCE_S = 5.0  # for a whole conversation: a controller answers within some milliseconds, a busy host or network takes seconds
 
 
 def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float, timeout_s: float) -> Array | None:
@@ -34,7 +35,7 @@ def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float
     )
 
 
-def output_integers(host: str, registers: tuple[int, ...], timeout_s: float = 1.0) -> tuple[int, ...] | None:
+def output_integers(host: str, registers: tuple[int, ...], timeout_s: float = PATIENCE_S) -> tuple[int, ...] | None:
     """What stands in these output registers of integers; None where the controller has one of them not. Raises RobotUnreachable."""
     variables = tuple(f"output_int_register_{register}" for register in registers)
     rows = _payloads(host, variables, "INT32", count=1, rate_hz=10.0, timeout_s=timeout_s)
@@ -63,7 +64,7 @@ def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, r
         raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
 
 
-def software_of(host: str, timeout_s: float = 1.0) -> str | None:
+def software_of(host: str, timeout_s: float = PATIENCE_S) -> str | None:
     """The version of the controller's software, for example "10.12.0.5"; None where it does not answer as the protocol says."""
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
