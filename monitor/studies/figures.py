@@ -57,6 +57,13 @@ class Share:
         return float(scipy.stats.beta.ppf(SURE, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
 
 
+def median_bounds(values: Array) -> tuple[float, float]:
+    """The lower and the upper bound of the median of at least one value, by order statistics; infinite values may be among them."""
+    ordered, n = np.sort(values), len(values)
+    rank = int(np.ceil(n / 2 + NINETY * np.sqrt(n) / 2))
+    return float(ordered[max(n - 1 - rank, 0)]), float(ordered[min(rank, n - 1)])
+
+
 class Figure(NamedTuple):
     """A figure of a fleet, and its bounds."""
 

@@ -6,7 +6,7 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.studies.figures import over_arms
+from monitor.studies.figures import median_bounds, over_arms
 
 
 @given(st.lists(st.floats(-100.0, 100.0), min_size=2, max_size=30))
@@ -32,6 +32,19 @@ def test_the_bounds_of_a_ratio_of_sums_hold_in_95_percent_of_fleets():
         rows = np.stack([0.1 * size * rng.uniform(0.5, 1.5, 24), size], axis=1)
         missed += over_arms(ratio, rows).at_most < np.sqrt(0.1)
     assert 0.03 < missed / 2000 < 0.07
+
+
+def test_each_bound_of_a_median_is_missed_by_at_most_one_in_twenty():
+    """2000 times 15 and 120 days of which every tenth is never; of few values the bounds are the outermost."""
+    rng = np.random.default_rng(4)
+    for n in (15, 120):
+        days = np.where(rng.random((2000, n)) < 0.1, np.inf, rng.exponential(10.0, (2000, n)))
+        median = -10.0 * np.log(1.0 - 0.5 / 0.9)
+        low, high = np.array([median_bounds(each) for each in days]).T
+        assert 0.01 < np.mean(low > median) <= 0.06
+        assert 0.01 < np.mean(high < median) <= 0.06
+    assert median_bounds(np.array([3.0, np.inf])) == (3.0, np.inf)
+    assert median_bounds(np.array([7.0])) == (7.0, 7.0)
 
 
 def test_one_arm_has_no_bounds():

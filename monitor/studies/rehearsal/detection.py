@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.recording import Array, known_or_none
-from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, share_document
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, LEARNING_DAYS, Played, play
 
@@ -17,7 +17,6 @@ LATEST_ONSET = 425  # [day] false alerts are counted until then, and wear may be
 BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [day] before the onset: detection is reported for each span between them
 GROUP = 1200  # arms with one kind of wear that are played at once: 0.5 GB
 SOON_DAYS = 30  # within which a detection counts as soon
-ONE_SIDED_95 = 1.645  # standard deviations
 
 
 class Kind(NamedTuple):
@@ -88,14 +87,12 @@ def delay(reported: Reported) -> Delay:
     without_false_alert = ~(reported.own < 1)
     onset, days, wear_days, others = (each[without_false_alert] for each in reported)
     n = len(days)
-    ordered = np.sort(days)
-    rank = int(np.ceil(n / 2 + ONE_SIDED_95 * np.sqrt(n) / 2))
     found = np.isfinite(days)
     wrong = (others >= onset) & (others < onset + days)
     return Delay(
         arms=n,
         median_days=float(np.median(days)) if n else np.inf,
-        median_at_most=float(ordered[min(rank, n - 1)]) if n else np.inf,
+        median_at_most=median_bounds(days)[1] if n else np.inf,
         p90_days=float(np.quantile(days, 0.9, method="higher")) if n else np.inf,
         within_30=Share(hits=int((days <= SOON_DAYS).sum()), of=n),
         by_baseline=tuple(

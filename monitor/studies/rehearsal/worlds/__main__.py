@@ -6,6 +6,7 @@ import sys
 
 from monitor.assess import AssessSettings
 from monitor.studies.figures import at_least_one
+from monitor.studies.rehearsal.worlds.informed import informed_documents
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import COUNTED, play_world, world_line
 
@@ -23,6 +24,7 @@ def main() -> None:
     parser.add_argument("--arms", type=at_least_one, default=60, help="healthy arms; half as many of each kind of wear (default 60)")
     parser.add_argument("--days", type=at_least_one, default=1095, help="of every arm's life (default 1095)")
     parser.add_argument("--seed", type=int, default=1, help="1 to 99 are for development; larger ones nobody looks at before the end")
+    parser.add_argument("--informed", action="store_true", help="also what an observer who knows the noise reaches, of days to detection")
     parser.add_argument("--json", action="store_true", help="one object a line")
     arguments = parser.parse_args()
     names = list(WORLDS) if arguments.names == ["all"] else arguments.names
@@ -31,6 +33,11 @@ def main() -> None:
     for name in names:
         document = play_world(WORLDS[name], AssessSettings(), arms=arguments.arms, days=arguments.days, seed=arguments.seed)
         sys.stdout.write((json.dumps(document, allow_nan=False) if arguments.json else world_line(document)) + "\n")
+        if arguments.informed:
+            rates = (document["false_advisories"]["counted"]["per_year"], document["goal"]["false_advisories"])
+            fleets = {"arms": arguments.arms, "worn": max(arguments.arms // 2, 1), "days": arguments.days, "seed": arguments.seed}
+            for row in informed_documents(WORLDS[name], **fleets, per_year=rates):
+                sys.stdout.write(json.dumps({"world": name, "observer": "informed", **row}) + "\n")
         sys.stdout.flush()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence
 from monitor.recording import Array, known_or_none
-from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, share_document
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
 from monitor.studies.rehearsal.play import LEARNING_DAYS, interval_holds, judged_days
 from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, Lives, life_documents
@@ -197,11 +197,14 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
     here = (fleet.group == k) & ~verdicts.before
     days = verdicts.found_day[here] - fleet.onset_day[here] + 1.0
     found, n = np.isfinite(days), len(days)
+    low, high = median_bounds(days) if n else (np.inf, np.inf)
     return {
         "wear": fleet.world.wear[k].name,
         "arms": n,
         "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
         "median_days": known_or_none(float(np.median(days))) if n else None,
+        "median_at_least_days": known_or_none(low),
+        "median_at_most_days": known_or_none(high),
         "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
         "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
         "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
@@ -215,11 +218,16 @@ def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, se
 
     arms : healthy ones, over `days`. worn : arms of each kind of wear, no longer than needed; None: half as many as healthy ones.
     """
+    healthy, wearing = fleets_of(world, arms=arms, days=days, seed=seed, worn=worn)
+    return world_document(judge_world(healthy, assess), judge_world(wearing, assess))
+
+
+def fleets_of(world: World, *, arms: int, days: int, seed: int, worn: int | None = None) -> tuple[WorldFleet, WorldFleet]:
+    """The healthy arms and those that wear, as in `play_world`."""
     each = max(arms // 2, 1) if worn is None else worn
     latest = max((wear.latest_day + DAYS_A_YEAR * (wear.life_years or (1.0, 1.0))[1] for wear in world.wear), default=0.0)
     healthy = WorldFleet(world, healthy=arms, worn=0, days=days, seed=seed)
-    wearing = WorldFleet(world, healthy=0, worn=each, days=min(days, int(latest)), seed=seed + 1_000_000)
-    return world_document(judge_world(healthy, assess), judge_world(wearing, assess))
+    return healthy, WorldFleet(world, healthy=0, worn=each, days=min(days, int(latest)), seed=seed + 1_000_000)
 
 
 def world_line(document: dict[str, Any]) -> str:

@@ -1,0 +1,99 @@
+"""The observer who knows a world's noise: its evidence is that of a textbook's least squares, and it is asked where it knows enough."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from monitor.studies.rehearsal.worlds import informed
+from monitor.studies.rehearsal.worlds.card import POSSIBLE, possible_documents
+from monitor.studies.rehearsal.worlds.informed import BEFORE, SINCE, Seen, evidence, informed_documents, known_noise
+from monitor.studies.rehearsal.worlds.table import WORLDS
+
+REACHED = st.floats(-3.0, 3.0)
+
+
+def drawn(rng, days, joints=2):
+    """Noise of σ 2 % and ρ 0.5 over a level and a slope with temperature; every seventh replay is missing."""
+    temperature = 25.0 + 5.0 * np.sin(np.arange(days) / 9.0)[:, None] + rng.normal(size=(days, joints))
+    noise = np.zeros((days, joints))
+    noise[0] = 0.02 * rng.normal(size=joints)
+    for day in range(1, days):
+        noise[day] = 0.5 * noise[day - 1] + 0.02 * np.sqrt(0.75) * rng.normal(size=joints)
+    y = 1.0 - 0.01 * temperature + noise + 0.005 * rng.normal(size=(days, joints))
+    y[5::7] = np.nan
+    return Seen(y, np.full((days, joints), 0.005**2), temperature, 0.1 * rng.normal(size=(days, joints)))
+
+
+def by_dense_matrices(seen, joint):
+    """(rise, fall) χ² on the last day: a candidate's regressor against y, weighed by the covariance of everything that is not known."""
+    y, variance, temperature, warming = (each[:, joint] for each in seen)
+    days = len(y)
+    away = (temperature - temperature[:20].mean()) / 10.0
+    rows = np.stack([np.ones(days), away, away**2, warming], axis=1)
+    cov = (rows * np.square(informed.STD)) @ rows.T + np.diag(variance) + 0.02**2 * 0.5 ** scipy.linalg.toeplitz(np.arange(days))
+    here = np.isfinite(y)
+    whitener = np.linalg.inv(np.linalg.cholesky(cov[np.ix_(here, here)]))
+    left = whitener @ (y - rows @ informed.MEAN)[here]
+    z = []
+    for start in range(BEFORE, days - SINCE):
+        age = np.arange(days) - start
+        for change in (np.where(age >= 0, 1.0, 0.0), np.maximum(age, 0.0)):
+            told = whitener @ change[here]
+            if told @ told > 0.0:
+                z.append(told @ left / np.sqrt(told @ told))
+    return max(0.0, *z) ** 2, max(0.0, -min(z)) ** 2
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000), days=st.integers(15, 70), step=REACHED)
+def test_its_evidence_is_that_of_generalised_least_squares(seed, days, step):
+    """A filter with what a change would have left in it says what dense matrices say of the same replays, for rises and falls."""
+    seen = drawn(np.random.default_rng(seed), days)
+    seen.log_torque[days // 2 :] += 0.02 * step
+    found = evidence(seen, 0.02, 0.5)[-1]
+    for joint in range(2):
+        rise, fall = by_dense_matrices(seen, joint)
+        assert max(found[0, joint], 0.0) == pytest.approx(rise, rel=2e-3, abs=2e-3)
+        assert max(found[1, joint], 0.0) == pytest.approx(fall, rel=2e-3, abs=2e-3)
+
+
+def test_it_is_asked_where_two_numbers_are_all_that_must_be_known():
+    """Not where tails are long, joints differ, friction moves by itself, or time and replay have noise of their own."""
+    assert known_noise(WORLDS["noise-4"]) == (0.04, 0.5)
+    assert known_noise(WORLDS["quiet"]) == (0.01, 0.0)
+    others = ("student-t3", "noise-mixed", "one-over-f", "seasonal-noise", "running-in", "twice-a-day-time", "noise-shared")
+    assert [name for name in others if known_noise(WORLDS[name]) is not None] == []
+    assert all(known_noise(WORLDS[name]) for name in POSSIBLE)
+    assert informed_documents(WORLDS["student-t3"], arms=1, worn=1, days=100, seed=1, per_year=(0.1,)) == []
+
+
+def test_fewer_false_advisories_cost_it_days():
+    """On the arms that the judge has too; days that never come are null, and every figure is JSON."""
+    rows = informed_documents(WORLDS["plain"], arms=4, worn=6, days=480, seed=2, per_year=(2.0, 0.2))
+    assert [(row["wear"], row["false_per_year"]) for row in json.loads(json.dumps(rows, allow_nan=False))] == [
+        ("5 % step", 2.0),
+        ("5 % step", 0.2),
+        ("10 %/year", 2.0),
+        ("10 %/year", 0.2),
+    ]
+    often, seldom = rows[:2]
+    assert often["median_days"] <= seldom["median_days"] <= 15
+    assert all(row["median_at_least_days"] <= row["median_days"] <= (row["median_at_most_days"] or np.inf) for row in rows[:2])
+
+
+def test_the_card_asks_it_at_the_judges_share_and_at_the_goal():
+    """For the worlds that it knows, and no other."""
+    asked = []
+
+    def each(one, documents):
+        documents = list(documents)
+        asked.extend(documents)
+        return [one.keywords["seed"] for _ in documents]
+
+    documents = [{"world": name} for name in ("plain", "ar-08", "quiet")]
+    assert possible_documents(documents, arms=40, seed=7, each=each) == {"plain": 7, "quiet": 7}
+    assert [document["world"] for document in asked] == ["plain", "quiet"]
