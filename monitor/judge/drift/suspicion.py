@@ -17,7 +17,7 @@ from monitor.judge.drift.update.change_detection import likelihood_ratios
 WORK_TELLS_DAYS = 7.0  # [d] since work told of a joint: from then on replays alone tell of it
 DOUBT_SIGMA = 2.0  # of a step since one of the last replays
 DOUBT_REPLAYS = 8  # so many of them: an older step is what `suspected_rise` is for
-SUSPICIOUS = 0.33  # of the likelihood ratio from which replays find a change: 2.8 σ of 4.95. In healthy arms it asks for 30 replays a year
+SUSPICIOUS = 0.33  # of the likelihood ratio from which replays find a change: 2.8 σ of 4.95. In healthy arms it asks for 34 replays a year
 
 
 def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
