@@ -12,7 +12,7 @@ from monitor.service.hand_over.node_server import NO_TEXT
 from monitor.service.hand_over.node_text import MARK, kept, number_of, version_of
 
 NAME = "hand_over"
-PATIENCE_S = 1.0  # for the connection, and for the answer; the daemon is on this host
+PATIENCE_S = 3.0  # for the connection, and for each part of the answer; the daemon is on this host, which may be busy
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - a setting is compared with it
 
 
