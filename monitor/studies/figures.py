@@ -12,6 +12,7 @@ from monitor.recording import Array, known_or_none
 
 SURE = 0.95  # one-sided confidence of every bound
 NINETY = 1.645  # standard deviations on either side of a 90 % interval
+LEAST_OF_MEDIAN = 5  # values: 1/2⁵ < 0.05
 SLIDING_RAD_S = 0.05  # slower joints hold rather than slide, and are left out of questions of friction in motion
 DAYS_A_YEAR = 365.0
 
@@ -58,8 +59,13 @@ class Share:
 
 
 def median_bounds(values: Array) -> tuple[float, float]:
-    """The lower and the upper bound of the median of at least one value, by order statistics; infinite values may be among them."""
+    """The lower and the upper bound of the median, by order statistics; infinite values may be among them.
+
+    Of fewer than five values not even the outermost bound it.
+    """
     ordered, n = np.sort(values), len(values)
+    if n < LEAST_OF_MEDIAN:
+        return -np.inf, np.inf
     rank = int(np.ceil(n / 2 + NINETY * np.sqrt(n) / 2))
     return float(ordered[max(n - 1 - rank, 0)]), float(ordered[min(rank, n - 1)])
 

@@ -92,7 +92,7 @@ def delay(reported: Reported) -> Delay:
     return Delay(
         arms=n,
         median_days=float(np.median(days)) if n else np.inf,
-        median_at_most=median_bounds(days)[1] if n else np.inf,
+        median_at_most=median_bounds(days)[1],
         p90_days=float(np.quantile(days, 0.9, method="higher")) if n else np.inf,
         within_30=Share(hits=int((days <= SOON_DAYS).sum()), of=n),
         by_baseline=tuple(

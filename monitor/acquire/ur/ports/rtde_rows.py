@@ -66,10 +66,11 @@ def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, r
 
 def software_of(host: str, timeout_s: float = PATIENCE_S) -> str | None:
     """The version of the controller's software, for example "10.12.0.5"; None where it does not answer as the protocol says."""
+    until = time.monotonic() + timeout_s
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
             send(connection, SOFTWARE, b"")
-            numbers = NUMBERS.unpack_from(_answer(_packages(connection, time.monotonic() + timeout_s), SOFTWARE))
+            numbers = NUMBERS.unpack_from(_answer(_packages(connection, until), SOFTWARE))
     except (OSError, struct.error):
         return None
     return ".".join(map(str, numbers))

@@ -48,16 +48,16 @@ Each row is a world with friction, heat, noise and wear of its own, from seed {s
   Nobody counts revolutions.
 - Counted are the first rise and the first fall of every joint and the first common advisory of every arm, after 60 days of learning.
 - Bounds are one-sided, 95 %: ✓ means that the bound keeps what is asked for, (✓) that the figure does and its bound does not, (✗) that
-  the figure does not and its other bound does: chance alone may be why.
+  the figure does not and its other bound does: chance alone may be why. Nine of ten and intervals are marked by the figure alone.
 
 | world | | false advisories a robot-year | asked for | days to detection: median, nine of ten | right joint | 90 % intervals, healthy |
 |---|---|---|---|---|---|---|
 """
 INFORMED = """
-What is possible? An observer who knows σ and ρ exactly, and that nothing but wear and temperature moves friction, learns level and
-temperature law of each joint and looks for steps and rates by their generalised likelihood ratio. It has the same arms, and a threshold by
-which it has as many false advisories as the judge, or as many as are asked for. The judge knows none of this, and believes no step by fewer
-than three replays. Median days, with bounds:
+What does it cost not to know the noise? An observer who knows σ and ρ exactly, and that nothing but wear and temperature moves friction,
+learns level and temperature law of each joint and looks for rises by steps and rates, by their generalised likelihood ratio. It has the
+same arms, and a threshold by which it has as many false advisories as the judge, or as many as are asked for. The judge knows none of this,
+and believes no step by fewer than three replays. Median days, with bounds:
 
 | world | wear | asked for | judge, at its false advisories a robot-year | who knows the noise, at as many | at what is asked for |
 |---|---|---|---|---|---|
@@ -186,7 +186,7 @@ def _days(row: dict[str, Any], goal: dict[str, Any]) -> str:
 
 
 def _days_or_never(days: float | None) -> str:
-    return "never" if days is None else f"{days:.0f}"
+    return "never" if days is None else f"{days:g}"
 
 
 def _median_met(row: dict[str, Any], asked: float) -> str:
@@ -220,13 +220,14 @@ def _life_row(wear: str, life: dict[str, Any]) -> str:
 
 
 def _life_met(holds: dict[str, Any], ratio: float | None) -> str:
-    """✓ where the share lies between what is asked for, (✗) where its bounds alone reach it."""
+    """The mark of a share that is asked to lie between two, as of medians."""
     least, most = LIFE_HOLDS
     if holds["share"] is None or ratio is None or not LIFE_RATIO[0] <= ratio <= LIFE_RATIO[1]:
         return "✗ not reached"
-    if least <= holds["share"] <= most:
-        return "✓"
-    return "(✗)" if holds["at_least"] <= most and holds["at_most"] >= least else "✗ not reached"
+    low, share, high = holds["at_least"], holds["share"], holds["at_most"]
+    if least <= share <= most:
+        return "✓" if least <= low and high <= most else "(✓)"
+    return "(✗)" if low <= most and high >= least else "✗ not reached"
 
 
 def _met(value: float, at_most: float, asked: float) -> str:

@@ -1,9 +1,12 @@
-"""What is possible in a world: days to detection by an observer who knows its noise exactly, at an equal share of false advisories.
+"""Days to detection by an observer who knows a world's noise exactly, at an equal share of false advisories: what not knowing it costs.
 
-It has the observations that the judge has. Level, temperature law and the effect of warming of each joint it has to learn, from a broad
-prior; σ and ρ of the noise, that it is Gaussian and that nothing but wear and temperature moves friction, it need not. It looks for a step
-and for a new rate that began on any day, by their generalised likelihood ratio (Willsky and Jones, 1976), with one threshold. That is set
-where healthy joints cross it as often as the judge raises false advisories. It is nobody's monitor: another world's noise would break it.
+It has friction at the reference speed, temperature and warming of the judge's replays. Level, temperature law and the effect of warming of
+each joint it has to learn, from a broad prior; σ and ρ of the noise, that it is Gaussian and that nothing but wear and temperature moves
+friction, it need not. It looks for a rise by a step or by a new rate that began on any day, by their generalised likelihood ratio (Willsky
+and Jones, 1976), with one threshold. Healthy joints cross it as often as the judge raises false advisories: it looks for no falls.
+
+It is one observer and not the best one: who knows as well how fast joints wear finds slow wear sooner. And it is nobody's monitor: another
+world's noise would break it.
 """
 
 from collections.abc import Sequence
@@ -22,10 +25,10 @@ TEN_K = 10.0  # [K] unit of the temperature's distance from its first mean
 FIRST_REPLAYS = 20  # of which that mean is
 # what is learnt of each joint, as prior mean and standard deviation: level [log], slope and curvature [log/10 K], effect of warming
 # [log/(K/min)]; then the noise itself
-MEAN = (0.0, -0.10, 0.0, 0.0)
-STD = (10.0, 0.05, 0.02, 0.01)
+MEAN = (0.0, -0.10, 0.0, 0.05)
+STD = (10.0, 0.05, 0.02, 0.10)
 LEARNT = len(MEAN)
-BEFORE, SINCE = 10, 2  # [days] least before the first replay of a change, and after it
+BEFORE = 10  # [days] least before a change
 CHUNK = 300  # joints at a time: their responses to every change take 13 MB
 
 
@@ -40,9 +43,11 @@ class Seen(NamedTuple):
 
 def known_noise(world: World) -> tuple[float, float] | None:
     """σ and ρ of the noise, where they are all that an observer must know of a world; None elsewhere."""
-    noise = world.noise
+    noise, lasting = world.noise, any(wear.life_years is not None for wear in world.wear)
     if not isinstance(noise, Correlated) or noise.degrees is not None or noise.common or world.changes or world.replays_a_day > 1:
         return None
+    if lasting or any((wear.dry, wear.viscous) != (1.0, 1.0) for wear in world.wear):
+        return None  # wear that is no step and no rate, or shows elsewhere than at the reference speed
     return (noise.std, noise.rho) if isinstance(noise.std, float) and isinstance(noise.rho, float) else None
 
 
@@ -53,7 +58,7 @@ def seen_of(fleet: WorldFleet, joints: np.ndarray) -> Seen:
 
 
 def evidence(seen: Seen, std: float, rho: float) -> Array:
-    """(D, 2, N) [χ² of one degree of freedom] of the clearest rise and the clearest fall, of any beginning, after each day.
+    """(D, N) [χ² of one degree of freedom] of the clearest rise, of any beginning, after each day; 0 where nothing rises.
 
     A Kalman filter of what is learnt and of the noise, and what a change that began on each day would have left in it.
     """
@@ -64,7 +69,7 @@ def evidence(seen: Seen, std: float, rho: float) -> Array:
     mean = np.tile((*MEAN, 0.0), (N, 1))
     cov = np.tile(np.diag((*STD, std)) ** 2, (N, 1, 1))
     response = np.zeros((N, 2, D, LEARNT + 1), dtype=np.float32)  # of a unit step, and of a unit rate, that began on each day
-    score, information, found = np.zeros((N, 2, D)), np.zeros((N, 2, D)), np.zeros((D, 2, N))
+    score, information, found = np.zeros((N, 2, D)), np.zeros((N, 2, D)), np.zeros((D, N))
     for day in range(D):
         if day:
             mean[:, -1] *= rho
@@ -86,26 +91,24 @@ def evidence(seen: Seen, std: float, rho: float) -> Array:
         response[:, :, : day + 1] += gain[:, None, None, :] * effect[..., None]
         mean += gain * nu[:, None]
         cov -= gain[:, :, None] * with_row[:, None, :]
-        old = slice(BEFORE, day + 1 - SINCE)
-        if day + 1 - SINCE > BEFORE:
-            told = information[:, :, old]
-            clear = np.sign(score[:, :, old]) * np.where(told > 0.0, score[:, :, old] ** 2 / np.maximum(told, 1e-12), 0.0)
-            found[day] = clear.max(axis=(1, 2)), -clear.min(axis=(1, 2))
+        if day >= BEFORE:
+            late = slice(BEFORE, day + 1)
+            rise, told = np.maximum(score[:, :, late], 0.0), information[:, :, late]
+            found[day] = np.max(np.where(told > 0.0, rise**2 / np.maximum(told, 1e-12), 0.0), axis=(1, 2))
     return found
 
 
 def all_evidence(fleet: WorldFleet, joints: np.ndarray, noise: tuple[float, float]) -> Array:
-    """(D, 2, N) `evidence` of a fleet's joints."""
+    """(D, N) `evidence` of a fleet's joints."""
     seen = seen_of(fleet, joints)
     parts = [slice(k, k + CHUNK) for k in range(0, len(joints), CHUNK)]
-    return np.concatenate([evidence(Seen(*(each[:, part] for each in seen)), *noise) for part in parts], axis=2)
+    return np.concatenate([evidence(Seen(*(each[:, part] for each in seen)), *noise) for part in parts], axis=1)
 
 
 def informed_documents(world: World, *, arms: int, worn: int, days: int, seed: int, per_year: Sequence[float]) -> list[dict[str, Any]]:
     """Days to detection of each kind of wear of a world, at so many false advisories a robot-year: on the arms of `play_world`.
 
-    Counted as there: the first rise and the first fall of every healthy joint; a rise of the joint that wears. Empty where `known_noise`
-    has none.
+    Counted as there: the first rise of every healthy joint; the first rise of a joint that wears. Empty where `known_noise` has none.
     """
     noise = known_noise(world)
     if noise is None:
@@ -113,13 +116,21 @@ def informed_documents(world: World, *, arms: int, worn: int, days: int, seed: i
     healthy, wearing = fleets_of(world, arms=arms, days=days, seed=seed, worn=worn)
     chance = all_evidence(healthy, np.arange(arms * healthy.joints), noise)[LEARNING_DAYS:].max(axis=0)
     highest, years = np.sort(chance.ravel())[::-1], arms * (days - LEARNING_DAYS) / DAYS_A_YEAR
-    thresholds = [float(highest[min(round(rate * years), len(highest) - 1)]) for rate in per_year]
-    rises = all_evidence(wearing, np.flatnonzero(wearing.worn.ravel()), noise)[LEARNING_DAYS:, 0]  # (D, A): one joint of each arm
+    events = [min(round(rate * years), len(highest) - 1) for rate in per_year]
+    worn_joints = all_evidence(wearing, np.flatnonzero(wearing.worn.ravel()), noise)[LEARNING_DAYS:]
+    of_arm = np.flatnonzero(wearing.worn.ravel()) // wearing.joints  # ascending: every arm has at least one
+    rises = np.maximum.reduceat(worn_joints, np.searchsorted(of_arm, np.arange(wearing.arms)), axis=1)  # (D, A)
     return [
-        {"wear": wear.name, "false_per_year": rate, **_days(rises[:, mine], wearing.onset_day[mine], threshold)}
+        {
+            "wear": wear.name,
+            "false_per_year": rate,
+            "false_advisories": count,
+            "threshold": float(highest[count]),
+            **_days(rises[:, mine], wearing.onset_day[mine], float(highest[count])),
+        }
         for k, wear in enumerate(world.wear)
         for mine in [wearing.group == k]
-        for rate, threshold in zip(per_year, thresholds, strict=True)
+        for rate, count in zip(per_year, events, strict=True)
     ]
 
 
@@ -128,11 +139,11 @@ def _days(rises: Array, onset_day: Array, threshold: float) -> dict[str, Any]:
     over = rises > threshold
     first = np.where(over.any(axis=0), over.argmax(axis=0) + float(LEARNING_DAYS), np.inf)
     days = (first - onset_day + 1.0)[first >= onset_day]
-    low, high = median_bounds(days) if len(days) else (np.inf, np.inf)
+    low, high = median_bounds(days)
     return {
         "arms": len(days),
         "median_days": known_or_none(float(np.median(days))) if len(days) else None,
-        "median_at_least_days": known_or_none(low),
+        "median_at_least_days": known_or_none(max(low, 0.0)),
         "median_at_most_days": known_or_none(high),
         "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if len(days) else None,
     }
