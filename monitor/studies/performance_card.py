@@ -18,7 +18,7 @@ from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import rehearse
-from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, WORLDS_HEAD, possible_documents, world_documents, worlds_section
+from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 from monitor.studies.torque_study import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")
@@ -233,7 +233,7 @@ def played_worlds(*, arms: int, seed: int, workers: int | None = None) -> str:
     of_worlds = {"arms": min(ARMS, arms), "seed": seed + SEED_ABOVE}
     with ProcessPoolExecutor(workers) as pool:
         documents = world_documents(AssessSettings(), **of_worlds, each=pool.map)
-        return worlds_section(documents, **of_worlds, possible=possible_documents(documents, **of_worlds, each=pool.map))
+        return worlds_section(documents, **of_worlds, noise_known=noise_known_documents(documents, **of_worlds, each=pool.map))
 
 
 def _surrogate(physics: dict[str, Any]) -> str:

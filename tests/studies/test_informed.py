@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.studies.rehearsal.worlds import informed
-from monitor.studies.rehearsal.worlds.card import POSSIBLE, possible_documents
+from monitor.studies.rehearsal.worlds.card import NOISE_KNOWN, noise_known_documents
 from monitor.studies.rehearsal.worlds.informed import BEFORE, Seen, all_evidence, evidence, informed_documents, known_noise
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import fleets_of
@@ -86,7 +86,7 @@ def test_it_is_asked_where_two_numbers_are_all_that_must_be_known():
     others = ("student-t3", "noise-mixed", "one-over-f", "seasonal-noise", "running-in", "twice-a-day-time", "noise-shared")
     others += ("low-speed-wear", "local-wear", "paths")  # wear that shows elsewhere, or on another path
     assert [name for name in others if known_noise(WORLDS[name]) is not None] == []
-    assert all(known_noise(WORLDS[name]) for name in POSSIBLE)
+    assert all(known_noise(WORLDS[name]) for name in NOISE_KNOWN)
     assert informed_documents(WORLDS["student-t3"], arms=1, worn=1, days=100, seed=1, per_year=(0.1,)) == []
 
 
@@ -115,7 +115,7 @@ def test_the_card_asks_it_at_the_judges_share_and_at_the_goal():
 
     false = {"counted": {"per_year": 2.5}}
     documents = [{"world": name, "false_advisories": false, "goal": {"false_advisories": 0.5}} for name in ("quiet", "ar-08")]
-    found = possible_documents(documents, arms=1, seed=7, each=each)
+    found = noise_known_documents(documents, arms=1, seed=7, each=each)
     assert [document["world"] for document in asked] == ["quiet"]
     assert [(row["wear"], row["false_per_year"]) for row in found["quiet"]] == [
         ("5 % step", 2.5),

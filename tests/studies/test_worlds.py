@@ -319,10 +319,10 @@ def test_the_card_has_a_row_a_world_with_its_goals():
     life = [{**row, "remaining_life": life_documents([LifeAnswer(0, 0.5, said(100.0), 100.0)], 0)} for row in plain["detection"]]
     observer = [{**row, "false_per_year": rate, "median_days": 9.0} for row in plain["detection"] for rate in (0.07, 0.1)]
     documents = [plain, told, {**plain, "world": "lives", "detection": life}]
-    text = worlds_section(documents, arms=64, seed=7, possible={"plain": observer})
+    text = worlds_section(documents, arms=64, seed=7, noise_known={"plain": observer})
     assert len([line for line in text.splitlines() if line.startswith("| plain | ") and line.count(" | 9 (≥ ") == 2]) == 2
     text = worlds_section(documents, arms=64, seed=7)
-    assert "What is possible" not in text
+    assert "not to know the noise" not in text
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert all(line.count("|") == 8 for line in rows)
     assert "told: common in" in rows[2]

@@ -29,7 +29,7 @@ MORE = {
     "grease-lag": (3, 3),
     "paths": (3, 32),
 }
-POSSIBLE = ("plain", "noise-4", "quiet")  # worlds with goals of days in which nothing but wear and temperature moves friction
+NOISE_KNOWN = ("plain", "noise-4", "quiet")  # worlds with goals of days in which nothing but wear and temperature moves friction
 SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were for development, those from 3000 on nobody looked at
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
@@ -53,7 +53,7 @@ Each row is a world with friction, heat, noise and wear of its own, from seed {s
 | world | | false advisories a robot-year | asked for | days to detection: median, nine of ten | right joint | 90 % intervals, healthy |
 |---|---|---|---|---|---|---|
 """
-INFORMED = """
+NOT_KNOWING = """
 What does it cost not to know the noise? An observer who knows σ and ρ exactly, and that nothing but wear and temperature moves friction,
 learns level and temperature law of each joint and looks for rises by steps and rates, by their generalised likelihood ratio. It has the
 same arms, and a threshold by which it has as many false advisories as the judge, or as many as are asked for. The judge knows none of this,
@@ -76,9 +76,11 @@ def world_documents(assess: AssessSettings, *, arms: int, seed: int, each: Each 
     return list(each(partial(_played, assess=assess, arms=arms, seed=seed), WORLDS))
 
 
-def possible_documents(documents: Sequence[dict[str, Any]], *, arms: int, seed: int, each: Each = map) -> dict[str, list[dict[str, Any]]]:
-    """Of each world in `POSSIBLE` what an informed observer reaches, at the judge's false advisories and at those that are asked for."""
-    judged = [document for document in documents if document["world"] in POSSIBLE]
+def noise_known_documents(
+    documents: Sequence[dict[str, Any]], *, arms: int, seed: int, each: Each = map
+) -> dict[str, list[dict[str, Any]]]:
+    """Of each world in `NOISE_KNOWN` what an informed observer reaches, at the judge's false advisories and at those that are asked for."""
+    judged = [document for document in documents if document["world"] in NOISE_KNOWN]
     return dict(zip((document["world"] for document in judged), each(partial(_informed, arms=arms, seed=seed), judged), strict=True))
 
 
@@ -101,9 +103,12 @@ def arms_of(name: str, arms: int) -> tuple[int, int]:
 
 
 def worlds_section(
-    documents: Sequence[dict[str, Any]], *, arms: int, seed: int, possible: Mapping[str, Sequence[dict[str, Any]]] | None = None
+    documents: Sequence[dict[str, Any]], *, arms: int, seed: int, noise_known: Mapping[str, Sequence[dict[str, Any]]] | None = None
 ) -> str:
-    """The section of the card, of the documents of all worlds; arms, seed : as in `world_documents`; possible : `possible_documents`."""
+    """The section of the card, of the documents of all worlds; arms, seed : as in `world_documents`.
+
+    noise_known : `noise_known_documents`.
+    """
     first_other = next(name for name, world in WORLDS.items() if not world.listed)
     usual, others = (arms_of(name, arms) for name in ("noise-3", first_other))
     text = WORLDS_HEAD + HEAD.format(
@@ -131,15 +136,15 @@ def worlds_section(
     text += "\nUntil wear is detected, the 90 % intervals of friction of the worn joint hold the truth in: "
     text += ", ".join(f"{row['wear']} {_percent(row['interval_90_undetected'])}" for row in documents[0]["detection"])
     text += f" ({documents[0]['world']}).\n"
-    if possible:
-        text += INFORMED + "".join(_possible_rows(document, possible.get(document["world"], ())) for document in documents)
+    if noise_known:
+        text += NOT_KNOWING + "".join(_noise_known_rows(document, noise_known.get(document["world"], ())) for document in documents)
     lives = [(row["wear"], life) for document in documents for row in document["detection"] for life in row["remaining_life"]]
     if lives:
         text += LIVES + "".join(_life_row(wear, life) for wear, life in lives)
     return text
 
 
-def _possible_rows(document: dict[str, Any], informed: Sequence[dict[str, Any]]) -> str:
+def _noise_known_rows(document: dict[str, Any], informed: Sequence[dict[str, Any]]) -> str:
     """A row for each kind of wear of a world: the judge's median beside those of the observer, at each share of false advisories."""
     rate, goal = document["false_advisories"]["counted"]["per_year"], document["goal"]["median_days"]
     text = ""
@@ -186,7 +191,7 @@ def _days(row: dict[str, Any], goal: dict[str, Any]) -> str:
 
 
 def _days_or_never(days: float | None) -> str:
-    return "never" if days is None else f"{days:g}"
+    return "never" if days is None else f"{days:.0f}"
 
 
 def _median_met(row: dict[str, Any], asked: float) -> str:
