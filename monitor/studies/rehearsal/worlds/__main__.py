@@ -6,7 +6,7 @@ import sys
 
 from monitor.assess import AssessSettings
 from monitor.studies.figures import at_least_one
-from monitor.studies.rehearsal.worlds.informed import informed_documents
+from monitor.studies.rehearsal.worlds.informed import informed_beside
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import COUNTED, play_world, world_line
 
@@ -34,9 +34,7 @@ def main() -> None:
         document = play_world(WORLDS[name], AssessSettings(), arms=arguments.arms, days=arguments.days, seed=arguments.seed)
         sys.stdout.write((json.dumps(document, allow_nan=False) if arguments.json else world_line(document)) + "\n")
         if arguments.informed:
-            rates = (document["false_advisories"]["counted"]["per_year"], document["goal"]["false_advisories"])
-            fleets = {"arms": arguments.arms, "worn": max(arguments.arms // 2, 1), "days": arguments.days, "seed": arguments.seed}
-            for row in informed_documents(WORLDS[name], **fleets, per_year=rates):
+            for row in informed_beside(document, arms=arguments.arms, days=arguments.days, seed=arguments.seed):
                 sys.stdout.write(json.dumps({"world": name, "observer": "informed", **row}) + "\n")
         sys.stdout.flush()
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.assess import AssessSettings
-from monitor.studies.rehearsal.worlds.informed import informed_documents
+from monitor.studies.rehearsal.worlds.informed import informed_beside
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import play_world
 
@@ -86,8 +86,7 @@ def noise_known_documents(
 
 def _informed(document: dict[str, Any], arms: int, seed: int) -> list[dict[str, Any]]:
     healthy, worn = arms_of(document["world"], arms)
-    per_year = (document["false_advisories"]["counted"]["per_year"], document["goal"]["false_advisories"])
-    return informed_documents(WORLDS[document["world"]], arms=healthy, worn=worn, days=DAYS, seed=seed, per_year=per_year)
+    return informed_beside(document, arms=healthy, worn=worn, days=DAYS, seed=seed)
 
 
 def _played(name: str, assess: AssessSettings, arms: int, seed: int) -> dict[str, Any]:
@@ -196,16 +195,7 @@ def _days_or_never(days: float | None) -> str:
 
 def _median_met(row: dict[str, Any], asked: float) -> str:
     low, median, high = (np.inf if row[key] is None else row[key] for key in ("median_at_least_days", "median_days", "median_at_most_days"))
-    return _mark(low, median, high, asked)
-
-
-def _mark(low: float, value: float, high: float, asked: float) -> str:
-    """Whether a figure of these bounds is at most what is asked for."""
-    if high <= asked:
-        return "✓"
-    if value <= asked:
-        return "(✓)"
-    return "(✗)" if low <= asked else "✗ not reached"
+    return _met(median, high, asked, at_least=low)
 
 
 def _life_row(wear: str, life: dict[str, Any]) -> str:
@@ -235,8 +225,13 @@ def _life_met(holds: dict[str, Any], ratio: float | None) -> str:
     return "(✗)" if low <= most and high >= least else "✗ not reached"
 
 
-def _met(value: float, at_most: float, asked: float) -> str:
-    return "✓" if at_most <= asked else "(✓)" if value <= asked else "✗ not reached"
+def _met(value: float, at_most: float, asked: float, at_least: float = np.inf) -> str:
+    """The mark of a figure that is asked to be no larger. at_least : its lower bound, where it has one."""
+    if at_most <= asked:
+        return "✓"
+    if value <= asked:
+        return "(✓)"
+    return "(✗)" if at_least <= asked else "✗ not reached"
 
 
 def _interval(share: float | None, asked: list[float] | None) -> str:

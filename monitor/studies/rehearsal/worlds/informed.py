@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.recording import Array, known_or_none
-from monitor.studies.figures import DAYS_A_YEAR, median_bounds
+from monitor.recording import Array
+from monitor.studies.figures import DAYS_A_YEAR
 from monitor.studies.rehearsal.play import LEARNING_DAYS
 from monitor.studies.rehearsal.worlds.fleet import World, WorldFleet
 from monitor.studies.rehearsal.worlds.noise import Correlated
-from monitor.studies.rehearsal.worlds.verdicts import fleets_of
+from monitor.studies.rehearsal.worlds.table import WORLDS
+from monitor.studies.rehearsal.worlds.verdicts import days_document, fleets_of
 
 TEN_K = 10.0  # [K] unit of the temperature's distance from its first mean
 FIRST_REPLAYS = 20  # of which that mean is
@@ -105,7 +106,15 @@ def all_evidence(fleet: WorldFleet, joints: np.ndarray, noise: tuple[float, floa
     return np.concatenate([evidence(Seen(*(each[:, part] for each in seen)), *noise) for part in parts], axis=1)
 
 
-def informed_documents(world: World, *, arms: int, worn: int, days: int, seed: int, per_year: Sequence[float]) -> list[dict[str, Any]]:
+def informed_beside(document: dict[str, Any], *, arms: int, days: int, seed: int, worn: int | None = None) -> list[dict[str, Any]]:
+    """`informed_documents` beside the judge's document of a world: at its false advisories, and at as many as are asked for."""
+    per_year = (document["false_advisories"]["counted"]["per_year"], document["goal"]["false_advisories"])
+    return informed_documents(WORLDS[document["world"]], arms=arms, days=days, seed=seed, per_year=per_year, worn=worn)
+
+
+def informed_documents(
+    world: World, *, arms: int, days: int, seed: int, per_year: Sequence[float], worn: int | None = None
+) -> list[dict[str, Any]]:
     """Days to detection of each kind of wear of a world, at so many false advisories a robot-year: on the arms of `play_world`.
 
     Counted as there: the first rise of every healthy joint; the first rise of a joint that wears. Empty where `known_noise` has none.
@@ -115,11 +124,11 @@ def informed_documents(world: World, *, arms: int, worn: int, days: int, seed: i
         return []
     healthy, wearing = fleets_of(world, arms=arms, days=days, seed=seed, worn=worn)
     chance = all_evidence(healthy, np.arange(arms * healthy.joints), noise)[LEARNING_DAYS:].max(axis=0)
-    highest, years = np.sort(chance.ravel())[::-1], arms * (days - LEARNING_DAYS) / DAYS_A_YEAR
+    highest, years = np.sort(chance)[::-1], arms * (days - LEARNING_DAYS) / DAYS_A_YEAR
     events = [min(round(rate * years), len(highest) - 1) for rate in per_year]
-    worn_joints = all_evidence(wearing, np.flatnonzero(wearing.worn.ravel()), noise)[LEARNING_DAYS:]
-    of_arm = np.flatnonzero(wearing.worn.ravel()) // wearing.joints  # ascending: every arm has at least one
-    rises = np.maximum.reduceat(worn_joints, np.searchsorted(of_arm, np.arange(wearing.arms)), axis=1)  # (D, A)
+    that_wear = np.flatnonzero(wearing.worn)  # ascending, of every arm at least one
+    of_arm = np.searchsorted(that_wear // wearing.joints, np.arange(wearing.arms))
+    rises = np.maximum.reduceat(all_evidence(wearing, that_wear, noise)[LEARNING_DAYS:], of_arm, axis=1)  # (D, A)
     return [
         {
             "wear": wear.name,
@@ -135,15 +144,8 @@ def informed_documents(world: World, *, arms: int, worn: int, days: int, seed: i
 
 
 def _days(rises: Array, onset_day: Array, threshold: float) -> dict[str, Any]:
-    """Days from the onset to the first crossing, that day included; arms that crossed before are left out."""
+    """`days_document` of the days from the onset to the first crossing, that day included; arms that crossed before are left out."""
     over = rises > threshold
     first = np.where(over.any(axis=0), over.argmax(axis=0) + float(LEARNING_DAYS), np.inf)
     days = (first - onset_day + 1.0)[first >= onset_day]
-    low, high = median_bounds(days)
-    return {
-        "arms": len(days),
-        "median_days": known_or_none(float(np.median(days))) if len(days) else None,
-        "median_at_least_days": known_or_none(max(low, 0.0)),
-        "median_at_most_days": known_or_none(high),
-        "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if len(days) else None,
-    }
+    return days_document(days)

@@ -197,19 +197,26 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
     here = (fleet.group == k) & ~verdicts.before
     days = verdicts.found_day[here] - fleet.onset_day[here] + 1.0
     found, n = np.isfinite(days), len(days)
-    low, high = median_bounds(days)
     return {
         "wear": fleet.world.wear[k].name,
-        "arms": n,
         "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
-        "median_days": known_or_none(float(np.median(days))) if n else None,
-        "median_at_least_days": known_or_none(max(low, 0.0)),
-        "median_at_most_days": known_or_none(high),
-        "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
+        **days_document(days),
         "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
         "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
         "never": share_document(Share(hits=int((~found).sum()), of=n)),
         "right_joint": share_document(Share(hits=int((found & ~verdicts.wrong[here]).sum()), of=int(found.sum()))),
+    }
+
+
+def days_document(days: Array) -> dict[str, Any]:
+    """Days to detection of arms, infinite where it never came: their number, the median with its bounds, and nine of ten."""
+    n, (low, high) = len(days), median_bounds(days)
+    return {
+        "arms": n,
+        "median_days": known_or_none(float(np.median(days))) if n else None,
+        "median_at_least_days": known_or_none(max(low, 0.0)),
+        "median_at_most_days": known_or_none(high),
+        "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
     }
 
 
