@@ -185,7 +185,7 @@ class Belief:
 
     def unseen_step(self, settings: DriftSettings) -> UnseenStep:
         """The largest step of the last days that may be unseen [log], (J,) each."""
-        return unseen_step(self.filter_state, settings)
+        return unseen_step(self.filter_state, self.joints, settings)
 
     def noise_std(self, settings: DriftSettings) -> Array:
         """(J,) standard deviation of y between replays [log]."""

@@ -81,11 +81,11 @@ def lived(settings: FleetSettings, prior: FleetPrior | None) -> tuple[Margins, W
 
 def margin_of(state: FilterState, drift: DriftSettings) -> Array:
     """(N,) [χ²] by which the clearest rise is above its threshold."""
-    known = noise_known(state, drift.prior)
+    known, noise_var = noise_known(state, drift.prior), state.noise_var(J, drift)
     enough = (state.ages >= drift.gate_run - 1) & (state.ages <= (state.replays - drift.baseline_replays)[:, None])
     expected, rises = state.glr_informations * state.chance.of_starts(), np.maximum(state.glr_scores, 0.0)
-    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, known)
-    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, known), axis=(1, 2))
+    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, known, noise_var=noise_var)
+    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, known, noise_var=noise_var), axis=(1, 2))
     return margin
 
 
@@ -118,7 +118,7 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
         P -= gain[:, :, None] * P.sum(axis=1)[:, None, :]
         counts = (age >= ASSESS.drift.gate_run) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
         ratio = np.where(counts & (score > 0), score**2 / np.maximum(information, 1e-12), 0.0)
-        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, np.zeros(1)), axis=(1, 2)))
+        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, np.zeros(1), noise_var=np.full(1, s.between_std**2)), axis=(1, 2)))
     return Margins(np.array(kept).reshape(-1, fleet.arms, J), like.joint, like.onset)
 
 

@@ -140,9 +140,10 @@ def test_a_wear_rate_that_only_a_few_replays_fit_needs_more_evidence():
     information = np.stack([ages, ages * (ages + 1.0) * (2.0 * ages + 1.0) / 6.0], axis=1) / 0.02**2  # Σ G²/S of steps and of rates
     score = 6.0 * np.sqrt(information)
     settings = DriftSettings()
-    ratio, relative = likelihood_ratios(score, information, information, ages, np.ones((1, 2), dtype=bool), settings, np.zeros(1))
+    enough, zero = np.ones((1, 2), dtype=bool), np.zeros(1)
+    ratio, relative = likelihood_ratios(score, information, information, ages, enough, settings, zero, noise_var=zero)
     assert ratio == pytest.approx(36.0)
-    counted = relative * thresholds(ages, settings, np.zeros(1)) / ratio
+    counted = relative * thresholds(ages, settings, zero, noise_var=zero) / ratio
     assert counted[0, 0] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 1] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 0] == pytest.approx(0.67, abs=0.02)

@@ -191,7 +191,7 @@ def test_a_young_joint_whose_noise_the_fleet_knows_needs_less_evidence():
     rho = float(prior.noise_correlation.mean())
     known = noise_known(with_noise(prior, rho, 24.0), prior)
     assert known == pytest.approx(ARMS / (ARMS + 4.0))
-    lower = thresholds(np.ones((1, 1)), DRIFT, known[:1])[0, 0, 0]
+    lower = thresholds(np.ones((1, 1)), DRIFT, known[:1], noise_var=np.zeros(1))[0, 0, 0]
     assert np.sqrt(lower) == pytest.approx(np.sqrt(DRIFT.shift_sigma**2 - 2.5 * ARMS / (ARMS + 4.0)))
     assert not noise_known(with_noise(prior, min(rho + 0.35, 0.95), 24.0), prior).any()
     assert noise_known(with_noise(prior, rho - 0.2, 24.0), prior).all(), "noise that averages out sooner is no danger"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import plain
-from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, WEAR, initial_filter, replace_joints
+from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, STEP, WEAR, initial_filter, replace_joints
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.reference import from_beginning, reference_from_document
 from monitor.judge.drift.settings import DriftSettings
@@ -40,16 +40,13 @@ def observed(log_torque, temperature_c):
 class Lived:
     """What was told of A arms whose friction follows a path; each field has a row a day."""
 
-    def __init__(self, arms, days, path, seed=0):
+    def __init__(self, arms, days, path, seed=0, between_std=0.02):
         rng, N = np.random.default_rng(seed), arms * J
-        noise, state, counts = 0.02 * rng.normal(size=N), None, nothing_counted(N, arms)
-        self.rises, self.falls, self.together = (
-            np.zeros((days, arms, J), bool),
-            np.zeros((days, arms, J), bool),
-            np.zeros((days, arms), bool),
-        )
+        noise, state, counts = between_std * rng.normal(size=N), None, nothing_counted(N, arms)
+        self.rises, self.falls, self.found = np.zeros((3, days, arms, J), bool)
+        self.together = np.zeros((days, arms), bool)
         for day in range(days):
-            noise = 0.5 * noise + np.sqrt(0.75) * 0.02 * rng.normal(size=N)
+            noise = 0.5 * noise + np.sqrt(0.75) * between_std * rng.normal(size=N)
             T = 30.0 + rng.normal(size=N)
             seen = observed(np.broadcast_to(path(day), (arms, J)).ravel() + noise - 0.008 * (T - 30.0) + 2.0, T)
             state = state or initial_state(seen, J, DRIFT, TEMPERATURE)
@@ -59,6 +56,7 @@ class Lived:
             counts = evidence.counts
             self.rises[day] = (evidence.raises >= 0).reshape(arms, J)
             self.falls[day] = evidence.falls.reshape(arms, J)
+            self.found[day] = (joints.event == STEP).reshape(arms, J)
             self.together[day] = evidence.together
         self.joints = joints
 

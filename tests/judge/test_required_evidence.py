@@ -1,6 +1,7 @@
 """How sure a rise must be for an advisory: by whether a change was found, when it began, and how old a new wear rate is."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from monitor.judge.alerts.evidence import (
     weigh_evidence,
 )
 from monitor.judge.drift.noise.chance import chance_from_document
-from monitor.judge.drift.update.change_detection import LONG, OF_WORK, OLD_REPLAYS, RATE_REPLAYS, thresholds
+from monitor.judge.drift.update import change_detection
+from monitor.judge.drift.update.change_detection import LONG, NOISY_STD, OF_WORK, OLD_REPLAYS, RATE_REPLAYS, thresholds
 
 J = 6
 STD = 0.02
@@ -73,24 +75,44 @@ def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
     assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
-@given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.booleans())
-def test_an_older_change_never_needs_more_evidence(age, other, known, beside_work):
-    """Thresholds fall with age; that of a rate is never above that of a step of its age."""
-    young, old = (
-        thresholds(np.full((1, 1), each), DRIFT, np.full(1, known), beside_work=beside_work)[0, :, 0] for each in sorted((age, other))
-    )
+def needed(age, *, noise=0.02, known=0.0, beside_work=False, drift=DRIFT):
+    """(2,) the thresholds of a step and of a rate of an age, in a joint of so much noise."""
+    ages, noise_var = np.full((1, 1), age), np.full(1, noise**2)
+    return thresholds(ages, drift, np.full(1, known), noise_var=noise_var, beside_work=beside_work)[0, :, 0]
+
+
+@given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.booleans())
+def test_an_older_change_never_needs_more_evidence(age, other, known, noise, beside_work):
+    """Thresholds fall with age; that of a rate is never above that of a step of its age, as far as the joint's noise does not lower it."""
+    of = partial(needed, known=known, beside_work=beside_work)
+    young, old = (of(each, noise=noise) for each in sorted((age, other)))
     assert np.all(old <= young + 1e-12)
-    assert old[1] <= old[0] + 1e-12
+    assert old[1] <= of(max(age, other))[0] + 1e-12
 
 
-@given(st.floats(1.0, 300.0), st.floats(0.0, 1.0))
-def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known):
+@given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.booleans())
+def test_noise_lowers_the_evidence_of_old_steps_alone(age, known, noise, beside_work):
+    """From 28 replays on, between a noise of 2.8 % and one of 5.4 %; not beside work, nor that of a rate."""
+    of = partial(needed, age, known=known, beside_work=beside_work)
+    usual, noisy = of(), of(noise=noise)
+    assert noisy[1] == usual[1]
+    assert noisy[0] <= usual[0]
+    lowered = age >= LONG and NOISY_STD[0] < noise < NOISY_STD[1] and known < 1.0 and not beside_work
+    assert lowered or noisy[0] == usual[0]
+
+
+def test_an_old_step_in_a_noisy_joint_needs_less_evidence():
+    """After 40 replays 4.14 σ at σ 2 %, 4.05 at 3 %, 3.90 at 4 %, 4.04 at 5 % and 4.14 again at 6 %."""
+    of_step = [needed(40.0, noise=noise)[0] for noise in (0.02, 0.03, 0.04, 0.05, 0.06)]
+    assert np.sqrt(of_step) == pytest.approx([4.14, 4.05, 3.90, 4.04, 4.14], abs=0.01)
+
+
+@given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))
+def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known, noise):
     """Thresholds of 20 σ: of a kind that is off, no candidate of any age is found."""
-    ages, known = np.full((1, 1), age), np.full(1, known)
     for beside_work in (False, True):
-        as_set = thresholds(ages, DRIFT, known, beside_work=beside_work)[0, :, 0]
-        no_steps = thresholds(ages, replace(DRIFT, shift_sigma=20.0), known, beside_work=beside_work)[0, :, 0]
-        no_rates = thresholds(ages, replace(DRIFT, pace_sigma=20.0), known, beside_work=beside_work)[0, :, 0]
+        of = partial(needed, age, noise=noise, known=known, beside_work=beside_work)
+        as_set, no_steps, no_rates = of(), of(drift=replace(DRIFT, shift_sigma=20.0)), of(drift=replace(DRIFT, pace_sigma=20.0))
         assert no_steps[0] > 300.0
         assert no_rates[0] == as_set[0]
         if age >= RATE_REPLAYS:  # a younger rate is hardly distinct from a step, and has its threshold
@@ -100,18 +122,34 @@ def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known
 
 def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     """From 20 replays on both have the same threshold, until that of a rate falls faster; beside work, a step keeps its own."""
-    of_step, of_rate = thresholds(np.array([[19.0, 20.0, 40.0, 80.0]]), DRIFT, np.zeros(1))[0]
+    of_step, of_rate = np.transpose([needed(age) for age in (19.0, 20.0, 40.0, 80.0)])
     assert of_step[:3] == pytest.approx(of_rate[:3])
     assert of_step[3] > of_rate[3]
     assert np.sqrt(of_step) == pytest.approx([4.54, 4.30, 4.14, 3.97], abs=0.01)
-    beside = thresholds(np.array([[20.0]]), DRIFT, np.zeros(1), beside_work=True)[0, 0, 0]
-    assert beside == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_WORK)
+    assert needed(20.0, beside_work=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_WORK)
+
+
+def test_a_step_in_a_noisy_joint_is_found_sooner_than_by_the_threshold_of_a_usual_one(monkeypatch):
+    """Thirty arms of σ 3.8 %, and a step of 5 % in their third joints: sooner in some of them, and later in none."""
+
+    def found():
+        return Lived(30, 220, lambda day: of_joint(2, 0.05 * (day >= 140)), seed=1, between_std=0.038).found
+
+    noisy = found()
+    monkeypatch.setattr(change_detection, "OF_NOISE", 0.0)
+    usual = found()
+    alike = np.all(noisy[:140] == usual[:140], axis=(0, 2))  # no chance was found before
+    assert alike.sum() >= 25
+    noisy, usual = (np.where(each[140:, alike, 2].any(axis=0), np.argmax(each[140:, alike, 2], axis=0), 80) for each in (noisy, usual))
+    assert np.all(noisy <= usual)
+    assert np.mean(noisy < usual) >= 0.1
+    assert np.mean(usual - noisy) >= 0.4
 
 
 def test_a_rate_that_began_months_ago_needs_less_than_before():
     """After 80 replays a rate needs 3.79 σ, where 3.97 are by the frequency of chance alone; after 40 the two are the same."""
     by_chance = np.sqrt(DRIFT.pace_sigma**2 - 2.0 * np.log([OLD_REPLAYS, 2.0 * OLD_REPLAYS]))
-    of_rate = np.sqrt(thresholds(np.array([[OLD_REPLAYS, 2.0 * OLD_REPLAYS]]), DRIFT, np.zeros(1))[0, 1])
+    of_rate = np.sqrt([needed(OLD_REPLAYS)[1], needed(2.0 * OLD_REPLAYS)[1]])
     assert of_rate[0] == pytest.approx(by_chance[0])
     assert of_rate[1] == pytest.approx(np.sqrt(by_chance[1] ** 2 - 2.0 * np.log(2.0)))
     assert np.all(of_rate > 3.5)

@@ -314,7 +314,7 @@ def test_a_rise_is_found_by_all_starts_together_where_none_of_them_is_sure(plant
     state = plant.history.last.belief.filter_state
     scores, raw, informations = state.glr_scores.copy(), state.raw_glr_scores.copy(), state.glr_informations.copy()
     told, starts = 1e4, slice(28, 48)
-    asked = thresholds(state.ages + 1.0, DriftSettings(), np.zeros(6), beside_work=True)[1, 0, starts]
+    asked = thresholds(state.ages + 1.0, DriftSettings(), np.zeros(6), noise_var=np.zeros(6), beside_work=True)[1, 0, starts]
     chance = told * state.chance.of_starts()[1, 0, starts]
     scores[1], raw[1], informations[1] = 0.0, 0.0, 0.0
     scores[1, 0, starts] = raw[1, 0, starts] = np.sqrt(0.9 * asked * chance * (1.0 + STEP_STD**-2 / told))

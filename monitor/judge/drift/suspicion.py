@@ -26,9 +26,11 @@ def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
     information = state.glr_informations
     expected = information * state.chance.of_starts()
     rises = np.maximum(state.glr_scores, 0.0)
-    known = noise_known(state, settings.prior)
+    known, noise_var = noise_known(state, settings.prior), np.zeros(state.joints)  # beside work it has no effect
     # what only asks for a replay may be work's noise of some days: `of_work`
-    _, relative = likelihood_ratios(rises, expected, information, state.ages, enough, settings, known, beside_work=True, of_work=0.0)
+    _, relative = likelihood_ratios(
+        rises, expected, information, state.ages, enough, settings, known, noise_var=noise_var, beside_work=True, of_work=0.0
+    )
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
 

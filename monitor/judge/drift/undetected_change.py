@@ -62,7 +62,7 @@ def undetected_change(state: FilterState, H: Array, settings: DriftSettings) -> 
     return mean, PUBLISHED_SHARE * np.maximum(var - state.cov[:, WEAR, WEAR] * H[:, WEAR] ** 2, 0.0)
 
 
-def unseen_step(state: FilterState, settings: DriftSettings) -> UnseenStep:
+def unseen_step(state: FilterState, joints_per_arm: int, settings: DriftSettings) -> UnseenStep:
     """The largest step of the last days that may be unseen, by the threshold of detection at its age and the joint's own noise.
 
     The evidence of a step of size ν that came n replays ago has mean ν·√information and standard deviation 1, and the bank has the
@@ -74,9 +74,14 @@ def unseen_step(state: FilterState, settings: DriftSettings) -> UnseenStep:
     first = np.argmax(old_enough, axis=1)  # ages are ascending
     row = np.arange(N)
     information = state.glr_informations[row, 0, first] / state.chance.of_starts()[row, 0, first]
-    threshold = np.sqrt(
-        thresholds(state.ages, settings, noise_known(state, settings.prior), beside_work=state.sources is not None)[row, 0, first]
+    needed = thresholds(
+        state.ages,
+        settings,
+        noise_known(state, settings.prior),
+        noise_var=state.noise_var(joints_per_arm, settings),
+        beside_work=state.sources is not None,
     )
+    threshold = np.sqrt(needed[row, 0, first])
     log_rise = (threshold + FOUND_SIGMAS) / np.sqrt(np.maximum(information, 1e-12))
     known = old_enough.any(axis=1) & (log_rise <= NOTHING_KNOWN)
     return UnseenStep(np.where(known, log_rise, np.nan), np.where(known, days[row, first], np.nan))

@@ -38,7 +38,7 @@ OVERLAP = 0.5  # independent part of the scores of neighbouring ages, and of the
 SPECTRUM_SCORES = 20.0  # [independent scores] weight of what the spectra above predict for an age against its own mean
 LOPSIDED = 2.0  # times the rises the falls of an arm's joints are by chance at most, while joints may run in
 TOGETHER = 0.8  # share of an arm's joints whose falls are above their rises, from which it runs in: no more falls than rises are chance
-RATIO = 20.0  # [χ²] size of a likelihood ratio at the thresholds, where rarity matters: between 5.15² − 2·ln 10 and 4.95² − 2·ln 30
+RATIO = 20.0  # [χ²] size of a likelihood ratio at the thresholds, where rarity matters: between 5.15² − 2·ln 10 and 4.95² − 2·ln 30, mostly
 LEAST = 0.85  # least inflation: the model allows for wear that wanders, which makes it cautious at old ages
 
 

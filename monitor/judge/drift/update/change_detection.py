@@ -37,6 +37,12 @@ RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold 
 # [χ²] by which the threshold of a step is lower from the same age on, so that it is that of a rate: of what chance finds, hardly any is
 # such a step. Not beside work, where the starts of an old step share their evidence: `summed_evidence`
 OF_OLD_STEP = DriftSettings().shift_sigma ** 2 - DriftSettings().pace_sigma ** 2
+# [χ²] The threshold of a step that began `LONG` replays ago or earlier is lower too where the joint's noise, by its present estimate, lies
+# between these two: by a parabola in log σ², 1.9 at σ 3.9 %. Where noise is less, a step of 5 % is found within three weeks without; where
+# it is more, chance alone finds what may be found. From the same age on an advisory needs less of its standard deviations, `FOUND_SHARE`: a
+# younger step that is found by less has its alert later, if at all. Not where `KNOWN_NOISE` has it lower already
+OF_NOISE = 4.4
+NOISY_STD = 0.028, 0.054  # [log]
 # [replays] from this age on that of a rate falls twice as fast with age: chance finds few rates that began months ago. Most of what it
 # finds is a month old, where noise that lasts for days still looks like a rate
 OLD_REPLAYS = 40
@@ -224,7 +230,7 @@ def detect_change(
     known = noise_known(state, settings.prior)
     beside_work = state.sources is not None
     ratios, relative = likelihood_ratios(
-        glr_score, expected, bank.information_now, bank.ages, enough, settings, known, beside_work=beside_work
+        glr_score, expected, bank.information_now, bank.ages, enough, settings, known, noise_var=noise.var, beside_work=beside_work
     )
     counts = innovation.resolved & ~innovation.settling
     sure = np.max(relative, axis=(1, 2)) > 1.0
@@ -280,14 +286,15 @@ def likelihood_ratios(
     settings: DriftSettings,
     known: Array,
     *,
+    noise_var: Array,
     beside_work: bool = False,
     of_work: float = OF_WORK,
 ) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
-    start has enough replays before it and since. known : (N,) `noise_known`. beside_work : whether work is observed beside replays;
-    of_work : [χ²] by which the thresholds of young candidates are then higher.
+    start has enough replays before it and since. known : (N,) `noise_known`. noise_var : (N,) between replays.
+    beside_work : whether work is observed beside replays; of_work : [χ²] by which the thresholds of young candidates are then higher.
 
     The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
     prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints
@@ -298,7 +305,7 @@ def likelihood_ratios(
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
-    return ratio, ratio / with_prior / thresholds(ages, settings, known, beside_work=beside_work, of_work=of_work)
+    return ratio, ratio / with_prior / thresholds(ages, settings, known, noise_var=noise_var, beside_work=beside_work, of_work=of_work)
 
 
 def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages: Array, enough: np.ndarray) -> Array:
@@ -318,11 +325,23 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
     return summed
 
 
-def thresholds(ages: Array, settings: DriftSettings, known: Array, *, beside_work: bool = False, of_work: float = OF_WORK) -> Array:
-    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. known, of_work : as in `likelihood_ratios`."""
+def thresholds(
+    ages: Array,
+    settings: DriftSettings,
+    known: Array,
+    *,
+    noise_var: Array,
+    beside_work: bool = False,
+    of_work: float = OF_WORK,
+) -> Array:
+    """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. The others are as in `likelihood_ratios`."""
     log_age = np.log(np.maximum(ages, 1.0))
     by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - of_work * (beside_work & (ages < LONG))
-    of_step = settings.shift_sigma**2 - OF_OLD_STEP * ((ages >= RATE_REPLAYS) & (not beside_work))
+    least, most = np.square(NOISY_STD)
+    noisy = np.clip(noise_var[:, None], least, most)
+    of_noise = np.where(ages >= LONG, OF_NOISE * np.log(noisy / least) * np.log(most / noisy) * (1.0 - known[:, None]), 0.0)
+    of_old = np.where((ages >= RATE_REPLAYS) & (not beside_work), OF_OLD_STEP + of_noise, 0.0)
+    of_step = settings.shift_sigma**2 - of_old
     of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
     of_rate -= 2.0 * np.maximum(log_age - math.log(OLD_REPLAYS), 0.0)
     lowest: Array = np.maximum(np.stack([of_step - by_age, of_rate - by_age], axis=1), LEAST_SIGMA**2)

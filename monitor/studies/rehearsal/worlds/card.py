@@ -16,12 +16,13 @@ ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years,
 SHARE_WORN = 3 / 8  # of so many: arms with each kind of wear
 SHARE_OTHERS = 1 / 4  # of all that: in worlds that no table lists
 # Times as many arms, healthy ones and those with wear: false advisories, medians of days and shares of lives that lie near what is asked
-# for. Of 15 arms such a median is known to a fifth, of 480 to 3 %.
+# for. Of 15 arms such a median is known to a fifth, of 480 to 4 %.
 MORE = {
     "plain": (8, 32),
-    "noise-4": (8, 32),
-    "noise-5": (3, 3),
-    "noise-mixed": (3, 1),
+    "noise-3": (8, 3),
+    "noise-4": (16, 64),
+    "noise-5": (8, 3),
+    "noise-mixed": (8, 1),
     "seasonal-noise-mild": (3, 3),
     "student-t3": (3, 3),
     "summer-24": (4, 4),
