@@ -194,6 +194,13 @@ _OTHERS = (
         goal=Goal(false=0.3),
     ),
     World(
+        name="walk-in-noise",
+        sentence="σ 3.5 %, and a slow walk of 2.5 % within four months, of each joint",
+        noise=Correlated(std=0.035),
+        changes=(Wandering(common=False, std=0.025),),
+        goal=Goal(false=0.3),
+    ),
+    World(
         name="noise-and-walk",
         sentence="white noise of 1.5 % and 1/f² noise of 1 % over three years",
         noise=Sum(laws=(Correlated(std=0.015, rho=0.0), PowerLaw(std=0.01, exponent=2.0))),
