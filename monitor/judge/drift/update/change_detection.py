@@ -301,7 +301,7 @@ def likelihood_ratios(
     wear so.
 
     Innovations since n replays are a mean of n: chance carries it across z standard deviations n times less often, at the rate
-    e^(−z²/2)/n (Rice, 1945). So that false detections are equally frequent at every age, the threshold falls with age.
+    e^(−z²/2)/n (Rice, 1945). So that false detections are about as frequent at every age, the threshold falls with age.
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
