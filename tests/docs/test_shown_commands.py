@@ -10,6 +10,7 @@ import shutil
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 
@@ -52,7 +53,8 @@ ENDS_WITH = {"run --config bad.toml": 78}
 OF_A_DAEMON = re.compile(r"monitor \d|  up \d")  # lines of `status` that exist only after a daemon has run
 OF_THEN = re.compile(r" then(?=, model )")  # pages show `status` beside a daemon; none runs beside these tests
 BAD = '[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n\n[schedule]\ntimezone = "UTC"\ncron = "at noon"\nblackot = []\n'
-FIRST_UNIX_S = 1_794_965_435.0  # 2026-11-18 01:30:35 UTC
+# the last three days: a history of a week ago would be STALE
+RECORDED = [datetime.now(UTC).replace(hour=1, minute=30, second=35, microsecond=0) - timedelta(days=ago) for ago in (3, 2, 1)]
 FIGURE = re.compile(r"[+-]?\d[\d.,]*(?:e[+-]?\d+)?")
 DAY = re.compile(r"\b(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun)\b")
 
@@ -87,12 +89,12 @@ def life(tmp_path_factory):
     (folder / "bad.toml").write_text(BAD)
     excitation = excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text("utf-8")))
     controller, rows = Controller(SimulateSettings(robot="ur5", seed=4)), ["file,recorded_at"]
-    for day in range(3):
-        controller.pass_time(23.5, 20.0 + 3.0 * day, 0.3)
+    for number, recorded in enumerate(RECORDED):
+        controller.pass_time(23.5, 20.0 + 3.0 * number, 0.3)
         recording = stepped_replay(controller, replace(excitation, repetitions=1))
-        context = replace(recording.context, recorded_at_unix_s=FIRST_UNIX_S + day * 86_400.0)
-        write_recording(folder / f"day-{day + 1}.parquet", replace(recording, context=context))
-        rows.append(f"day-{day + 1}.parquet,2026-11-{18 + day}T01:30:35Z")
+        context = replace(recording.context, recorded_at_unix_s=recorded.timestamp())
+        write_recording(folder / f"day-{number + 1}.parquet", replace(recording, context=context))
+        rows.append(f"day-{number + 1}.parquet,{recorded:%Y-%m-%dT%H:%M:%SZ}")
     (folder / "days.csv").write_text("\n".join(rows) + "\n")
     code, output = run(folder, ["import", "--config", "config/simulated.toml", "--manifest", "days.csv"])
     assert code == 0, output
