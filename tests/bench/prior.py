@@ -17,10 +17,9 @@ import numpy as np
 
 from monitor.assess import AssessSettings
 from monitor.judge.drift.filter_state import FilterState
-from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.prior import FleetPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import likelihood_ratios, thresholds
+from monitor.judge.drift.update.change_detection import JointNoise, joint_noise, likelihood_ratios, thresholds
 from monitor.recording import Array
 from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
 from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear
@@ -81,11 +80,11 @@ def lived(settings: FleetSettings, prior: FleetPrior | None) -> tuple[Margins, W
 
 def margin_of(state: FilterState, drift: DriftSettings) -> Array:
     """(N,) [χ²] by which the clearest rise is above its threshold."""
-    known, noise_var = noise_known(state, drift.prior), state.noise_var(J, drift)
+    noise = joint_noise(state, state.noise_var(J, drift), drift)
     enough = (state.ages >= drift.gate_run - 1) & (state.ages <= (state.replays - drift.baseline_replays)[:, None])
     expected, rises = state.glr_informations * state.chance.of_starts(), np.maximum(state.glr_scores, 0.0)
-    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, known, noise_var=noise_var)
-    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, known, noise_var=noise_var), axis=(1, 2))
+    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, noise)
+    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, noise), axis=(1, 2))
     return margin
 
 
@@ -98,6 +97,7 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
     mean = np.zeros((N, 2))  # `left` counts from the level
     response, score, information = np.zeros((N, 2, days, 2)), np.zeros((N, 2, days)), np.zeros((N, 2, days))
     starts, kept = np.arange(days), []
+    daily = JointNoise(known=np.zeros(1), var=np.full(1, s.between_std**2), interval_days=np.ones(1))
     for day, (y, within) in enumerate(zip(fleet.left, fleet.variance, strict=True)):
         if day:
             mean[:, 1] *= rho
@@ -118,7 +118,7 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
         P -= gain[:, :, None] * P.sum(axis=1)[:, None, :]
         counts = (age >= ASSESS.drift.gate_run) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
         ratio = np.where(counts & (score > 0), score**2 / np.maximum(information, 1e-12), 0.0)
-        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, np.zeros(1), noise_var=np.full(1, s.between_std**2)), axis=(1, 2)))
+        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, daily), axis=(1, 2)))
     return Margins(np.array(kept).reshape(-1, fleet.arms, J), like.joint, like.onset)
 
 

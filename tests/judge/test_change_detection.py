@@ -12,7 +12,7 @@ from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import DENSE, SUMMED_STD, likelihood_ratios, summed_evidence, thresholds
+from monitor.judge.drift.update.change_detection import DENSE, SUMMED_STD, JointNoise, likelihood_ratios, summed_evidence, thresholds
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -140,10 +140,10 @@ def test_a_wear_rate_that_only_a_few_replays_fit_needs_more_evidence():
     information = np.stack([ages, ages * (ages + 1.0) * (2.0 * ages + 1.0) / 6.0], axis=1) / 0.02**2  # Σ G²/S of steps and of rates
     score = 6.0 * np.sqrt(information)
     settings = DriftSettings()
-    enough, zero = np.ones((1, 2), dtype=bool), np.zeros(1)
-    ratio, relative = likelihood_ratios(score, information, information, ages, enough, settings, zero, noise_var=zero)
+    enough, noise = np.ones((1, 2), dtype=bool), JointNoise(np.zeros(1), np.zeros(1), np.ones(1))
+    ratio, relative = likelihood_ratios(score, information, information, ages, enough, settings, noise)
     assert ratio == pytest.approx(36.0)
-    counted = relative * thresholds(ages, settings, zero, noise_var=zero) / ratio
+    counted = relative * thresholds(ages, settings, noise) / ratio
     assert counted[0, 0] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 1] == pytest.approx(1.0, abs=0.01)
     assert counted[0, 1, 0] == pytest.approx(0.67, abs=0.02)

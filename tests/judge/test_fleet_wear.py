@@ -19,7 +19,7 @@ from monitor.judge.drift.from_work import begin_work, swapped
 from monitor.judge.drift.noise.chance import MIDDLE, inflation_of, nothing_seen
 from monitor.judge.drift.prior import BOUNDS, FleetPrior, WearPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import thresholds
+from monitor.judge.drift.update.change_detection import JointNoise, thresholds
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
@@ -191,7 +191,7 @@ def test_a_young_joint_whose_noise_the_fleet_knows_needs_less_evidence():
     rho = float(prior.noise_correlation.mean())
     known = noise_known(with_noise(prior, rho, 24.0), prior)
     assert known == pytest.approx(ARMS / (ARMS + 4.0))
-    lower = thresholds(np.ones((1, 1)), DRIFT, known[:1], noise_var=np.zeros(1))[0, 0, 0]
+    lower = thresholds(np.ones((1, 1)), DRIFT, JointNoise(known[:1], np.zeros(1), np.ones(1)))[0, 0, 0]
     assert np.sqrt(lower) == pytest.approx(np.sqrt(DRIFT.shift_sigma**2 - 2.5 * ARMS / (ARMS + 4.0)))
     assert not noise_known(with_noise(prior, min(rho + 0.35, 0.95), 24.0), prior).any()
     assert noise_known(with_noise(prior, rho - 0.2, 24.0), prior).all(), "noise that averages out sooner is no danger"

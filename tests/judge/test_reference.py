@@ -38,9 +38,9 @@ def observed(log_torque, temperature_c):
 
 
 class Lived:
-    """What was told of A arms whose friction follows a path; each field has a row a day."""
+    """What was told of A arms whose friction follows a path; each field has a row a day, or one for each of several replays a day."""
 
-    def __init__(self, arms, days, path, seed=0, between_std=0.02):
+    def __init__(self, arms, days, path, seed=0, between_std=0.02, interval_days=1.0):
         rng, N = np.random.default_rng(seed), arms * J
         noise, state, counts = between_std * rng.normal(size=N), None, nothing_counted(N, arms)
         self.rises, self.falls, self.found = np.zeros((3, days, arms, J), bool)
@@ -50,9 +50,11 @@ class Lived:
             T = 30.0 + rng.normal(size=N)
             seen = observed(np.broadcast_to(path(day), (arms, J)).ravel() + noise - 0.008 * (T - 30.0) + 2.0, T)
             state = state or initial_state(seen, J, DRIFT, TEMPERATURE)
-            result = step(state, Replay(observation=seen, days=np.full(arms, float(day > 0))), DRIFT, TEMPERATURE)
+            result = step(state, Replay(observation=seen, days=np.full(arms, interval_days * (day > 0))), DRIFT, TEMPERATURE)
             state, joints = result.state, result.state.filter_state
-            evidence = weigh_evidence(wear_of_state(joints, joints.learnt_from & result.inside_range, day), counts, J, HEALTH)
+            evidence = weigh_evidence(
+                wear_of_state(joints, joints.learnt_from & result.inside_range, np.floor(interval_days * day)), counts, J, HEALTH
+            )
             counts = evidence.counts
             self.rises[day] = (evidence.raises >= 0).reshape(arms, J)
             self.falls[day] = evidence.falls.reshape(arms, J)

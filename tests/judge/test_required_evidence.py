@@ -19,7 +19,17 @@ from monitor.judge.alerts.evidence import (
 )
 from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.update import change_detection
-from monitor.judge.drift.update.change_detection import LONG, NOISY_STD, OF_WORK, OLD_REPLAYS, RATE_REPLAYS, thresholds
+from monitor.judge.drift.update.change_detection import (
+    LONG,
+    MOST_A_DAY,
+    NOISY_STD,
+    OF_FREQUENT,
+    OF_WORK,
+    OLD_REPLAYS,
+    RATE_REPLAYS,
+    JointNoise,
+    thresholds,
+)
 
 J = 6
 STD = 0.02
@@ -75,10 +85,10 @@ def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
     assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
-def needed(age, *, noise=0.02, known=0.0, beside_work=False, drift=DRIFT):
+def needed(age, *, noise=0.02, known=0.0, interval_days=1.0, beside_work=False, drift=DRIFT):
     """(2,) the thresholds of a step and of a rate of an age, in a joint of so much noise."""
-    ages, noise_var = np.full((1, 1), age), np.full(1, noise**2)
-    return thresholds(ages, drift, np.full(1, known), noise_var=noise_var, beside_work=beside_work)[0, :, 0]
+    of_joint = JointNoise(*np.array([[known], [noise**2], [interval_days]]))
+    return thresholds(np.full((1, 1), age), drift, of_joint, beside_work=beside_work)[0, :, 0]
 
 
 @given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.booleans())
@@ -105,6 +115,30 @@ def test_an_old_step_in_a_noisy_joint_needs_less_evidence():
     """After 40 replays 4.14 σ at σ 2 %, 4.05 at 3 %, 3.90 at 4 %, 4.04 at 5 % and 4.14 again at 6 %."""
     of_step = [needed(40.0, noise=noise)[0] for noise in (0.02, 0.03, 0.04, 0.05, 0.06)]
     assert np.sqrt(of_step) == pytest.approx([4.14, 4.05, 3.90, 4.04, 4.14], abs=0.01)
+
+
+@given(st.floats(1.0, 300.0), st.floats(1e-3, 30.0), st.floats(0.0, 0.5), st.booleans())
+def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, beside_work):
+    """By 3·ln of their number a day, up to eight; replays once a day and more rarely, and those beside work, need what they did."""
+    daily, of = (
+        needed(age, noise=noise, beside_work=beside_work),
+        needed(age, noise=noise, interval_days=interval_days, beside_work=beside_work),
+    )
+    a_day = 1.0 if beside_work else np.clip(1.0 / interval_days, 1.0, MOST_A_DAY)
+    assert of == pytest.approx(daily + OF_FREQUENT * np.log(a_day))
+    if interval_days >= 1.0:
+        assert np.array_equal(of, daily)
+
+
+def test_chance_finds_no_more_in_a_year_of_four_replays_a_day(monkeypatch):
+    """Sixty healthy arms for three months, ρ 0.5 from replay to replay: most of what four times as many chances find is none."""
+
+    def found():
+        return Lived(60, 360, lambda number: np.zeros(J), seed=4, interval_days=0.25).found.any(axis=0).sum()
+
+    often = found()
+    monkeypatch.setattr(change_detection, "OF_FREQUENT", 0.0)
+    assert often <= 0.4 * found()
 
 
 @given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))

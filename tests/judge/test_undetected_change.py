@@ -13,7 +13,7 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.drift.undetected_change import FOUND_SIGMAS, unseen_step
-from monitor.judge.drift.update.change_detection import thresholds
+from monitor.judge.drift.update.change_detection import JointNoise, thresholds
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -95,7 +95,7 @@ def test_the_step_that_may_be_unseen_is_by_the_threshold_of_the_joints_noise():
     information = np.take_along_axis(seen.glr_informations[:, 0] / seen.chance.of_starts()[:, 0], at, axis=1)[:, 0]
     sigmas = told.log_rise * np.sqrt(information) - FOUND_SIGMAS
     noisy, usual = (
-        np.take_along_axis(thresholds(seen.ages, DRIFT, np.zeros(6), noise_var=var)[:, 0], at, axis=1)[:, 0]
+        np.take_along_axis(thresholds(seen.ages, DRIFT, JointNoise(np.zeros(6), var, seen.interval_days))[:, 0], at, axis=1)[:, 0]
         for var in (seen.noise_var(6, DRIFT), np.zeros(6))
     )
     assert sigmas**2 == pytest.approx(noisy, rel=1e-9)

@@ -16,7 +16,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import new_joints
 from monitor.judge.drift.suspicion import DOUBT_REPLAYS, SUSPICIOUS, doubted_rise, suspected_rise
 from monitor.judge.drift.update import change_detection
-from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, thresholds
+from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, JointNoise, thresholds
 from monitor.judge.learn_work import WorkAssessment, assess_work
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.judge.work_observation import WorkObservation, work_observation_from_document
@@ -314,7 +314,8 @@ def test_a_rise_is_found_by_all_starts_together_where_none_of_them_is_sure(plant
     state = plant.history.last.belief.filter_state
     scores, raw, informations = state.glr_scores.copy(), state.raw_glr_scores.copy(), state.glr_informations.copy()
     told, starts = 1e4, slice(28, 48)
-    asked = thresholds(state.ages + 1.0, DriftSettings(), np.zeros(6), noise_var=np.zeros(6), beside_work=True)[1, 0, starts]
+    noise = JointNoise(known=np.zeros(6), var=np.zeros(6), interval_days=np.ones(6))
+    asked = thresholds(state.ages + 1.0, DriftSettings(), noise, beside_work=True)[1, 0, starts]
     chance = told * state.chance.of_starts()[1, 0, starts]
     scores[1], raw[1], informations[1] = 0.0, 0.0, 0.0
     scores[1, 0, starts] = raw[1, 0, starts] = np.sqrt(0.9 * asked * chance * (1.0 + STEP_STD**-2 / told))

@@ -13,7 +13,17 @@ from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.studies.performance_card import END, with_worlds
 from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section
-from monitor.studies.rehearsal.worlds.change import LevelJumps, Payload, RunningIn, Sawtooth, SensorShift, Telegraph, Wandering, Yearly
+from monitor.studies.rehearsal.worlds.change import (
+    BadDays,
+    LevelJumps,
+    Payload,
+    RunningIn,
+    Sawtooth,
+    SensorShift,
+    Telegraph,
+    Wandering,
+    Yearly,
+)
 from monitor.studies.rehearsal.worlds.fleet import WorldFleet
 from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
 from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std, swelling_std
@@ -287,6 +297,10 @@ def test_healthy_joints_jump_go_back_and_forth_and_cycle_as_their_worlds_say():
     jumps = np.diff(drawn(LevelJumps()).dry, axis=0)
     assert np.mean(jumps != 0.0) == pytest.approx(3.0 / 365.0, rel=0.3)
     assert jumps.shape[2] == 1
+    off = drawn(BadDays(a_year=3.0)).dry
+    assert np.all((off == 0.0) | (np.abs(np.expm1(off)) >= 0.05))
+    assert np.abs(np.expm1(off)).max() <= 0.4
+    assert 0.01 <= (off != 0.0).any(axis=2).mean() <= 0.05
     levels = drawn(Telegraph()).dry
     assert np.unique(levels).tolist() == [-0.015, 0.015]
     assert np.mean(np.diff(levels, axis=0) != 0.0) == pytest.approx(1.0 / 20.0, rel=0.1)

@@ -10,9 +10,8 @@ that is doubtful asks for another one soon: nearly all doubts of healthy joints 
 import numpy as np
 
 from monitor.judge.drift.filter_state import FilterState
-from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import likelihood_ratios
+from monitor.judge.drift.update.change_detection import joint_noise, likelihood_ratios
 
 WORK_TELLS_DAYS = 7.0  # [d] since work told of a joint: from then on replays alone tell of it
 DOUBT_SIGMA = 2.0  # of a step since one of the last replays
@@ -26,11 +25,9 @@ def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
     information = state.glr_informations
     expected = information * state.chance.of_starts()
     rises = np.maximum(state.glr_scores, 0.0)
-    known, noise_var = noise_known(state, settings.prior), np.zeros(state.joints)  # beside work it has no effect
+    noise = joint_noise(state, np.zeros(state.joints), settings)  # beside work its variance has no effect
     # what only asks for a replay may be work's noise of some days: `of_work`
-    _, relative = likelihood_ratios(
-        rises, expected, information, state.ages, enough, settings, known, noise_var=noise_var, beside_work=True, of_work=0.0
-    )
+    _, relative = likelihood_ratios(rises, expected, information, state.ages, enough, settings, noise, beside_work=True, of_work=0.0)
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
 

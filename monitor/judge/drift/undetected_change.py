@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.filter_state import KINDS, WEAR, WINDOW, FilterState
-from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import RATES_PER_STEP, thresholds
+from monitor.judge.drift.update.change_detection import RATES_PER_STEP, joint_noise, thresholds
 from monitor.recording import Array
 
 FRESH_DAYS = 10.0  # [d] a step of so many days ago is what `unseen_step` is about: replays since say something of it, and not yet enough
@@ -74,13 +73,8 @@ def unseen_step(state: FilterState, joints_per_arm: int, settings: DriftSettings
     first = np.argmax(old_enough, axis=1)  # ages are ascending
     row = np.arange(N)
     information = state.glr_informations[row, 0, first] / state.chance.of_starts()[row, 0, first]
-    needed = thresholds(
-        state.ages,
-        settings,
-        noise_known(state, settings.prior),
-        noise_var=state.noise_var(joints_per_arm, settings),
-        beside_work=state.sources is not None,
-    )
+    noise = joint_noise(state, state.noise_var(joints_per_arm, settings), settings)
+    needed = thresholds(state.ages, settings, noise, beside_work=state.sources is not None)
     threshold = np.sqrt(needed[row, 0, first])
     log_rise = (threshold + FOUND_SIGMAS) / np.sqrt(np.maximum(information, 1e-12))
     known = old_enough.any(axis=1) & (log_rise <= NOTHING_KNOWN)

@@ -47,6 +47,11 @@ NOISY_STD = 0.028, 0.054  # [log]
 # finds is a month old, where noise that lasts for days still looks like a rate
 OLD_REPLAYS = 40
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
+# [χ²] by which every threshold is higher where replays come e times as often as daily. Twice as many are twice as many chances, which costs
+# 2·ln 2 (Rice, 1945); and ages are counted in replays, so that old changes, which need less, are fewer days old. By trial, at σ 2 % and
+# ρ 0.5 from replay to replay: false advisories at four replays a day are those at one. Not beside work, whose replays are rare
+OF_FREQUENT = 3.0
+MOST_A_DAY = 8.0  # replays within minutes of each other, by somebody who watches, do not blind the filter for weeks
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
 USUAL_RATE_PER_DAY = 0.003  # [1/day] the same where a change is looked for, 110 % a year: what rises by 400 % a year needs more evidence
 EARLY_STEP = 0.15  # [log] so much is a change even among the first replays: neither noise nor running-in makes it in a week
@@ -120,6 +125,7 @@ class Change(NamedTuple):
     common: np.ndarray  # (N,) a change that most joints of the arm had together: it is in the levels, and not in wear
     shared: Array  # (N,) the size of that change, log
     shared_var: Array  # (N,) its variance
+    differing_var: Array  # (N,) by which the variance of this replay is larger, being one of outliers in a row that differ
 
 
 def advance_bank(state: FilterState, innovation: Innovation, gate: Gate, counted: Array, settings: DriftSettings) -> ChangeBank:
@@ -202,6 +208,19 @@ def stays(bank: ChangeBank, innovation: Innovation, gate: Gate, noise: Noise, co
     return stay
 
 
+class JointNoise(NamedTuple):
+    """What thresholds know of the joints' noise, (N,) each."""
+
+    known: Array  # `noise_known`
+    var: Array  # between replays [log²]
+    interval_days: Array  # usual time between replays
+
+
+def joint_noise(state: FilterState, var: Array, settings: DriftSettings) -> JointNoise:
+    """That of a state, where the noise between replays has the variance `var` (N,)."""
+    return JointNoise(noise_known(state, settings.prior), var, state.interval_days)
+
+
 def detect_change(
     state: FilterState,
     bank: ChangeBank,
@@ -227,10 +246,9 @@ def detect_change(
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - baseline)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
     expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
-    known = noise_known(state, settings.prior)
-    beside_work = state.sources is not None
+    of_joint, beside_work = joint_noise(state, noise.var, settings), state.sources is not None
     ratios, relative = likelihood_ratios(
-        glr_score, expected, bank.information_now, bank.ages, enough, settings, known, noise_var=noise.var, beside_work=beside_work
+        glr_score, expected, bank.information_now, bank.ages, enough, settings, of_joint, beside_work=beside_work
     )
     counts = innovation.resolved & ~innovation.settling
     sure = np.max(relative, axis=(1, 2)) > 1.0
@@ -256,7 +274,7 @@ def detect_change(
     if of_baseline.any():
         fresh = open_slot(state, slot, of_baseline)
         mean, cov = fresh.mean, fresh.cov
-    taken = Taken(mean, cov, *np.zeros((4, N)))
+    taken = Taken(mean, cov, *np.zeros((5, N)))
     if of_wear.any():
         # beside work, the outlier before may be the other source's, and nothing is taken off
         length = np.where(in_a_row & (state.sources is None), np.minimum(np.abs(gate.run), DENSE), 0.0)
@@ -273,8 +291,20 @@ def detect_change(
         )
         taken = change_posterior(mean, cov, bank, ratios, innovation, run, of_wear, common, in_a_row)
     since = 1.0 + taken.age
-    agreeing = np.where(common, 1.0, since)  # it is none of the joint
-    return Change(taken.mean, taken.cov, of_baseline, of_wear, taken.stepped, agreeing, since, common, taken.shared, taken.shared_var)
+    agreeing = np.where(common | (taken.differing_var > 0), 1.0, since)  # a common change is none of the joint
+    return Change(
+        taken.mean,
+        taken.cov,
+        of_baseline,
+        of_wear,
+        taken.stepped,
+        agreeing,
+        since,
+        common,
+        taken.shared,
+        taken.shared_var,
+        taken.differing_var,
+    )
 
 
 def likelihood_ratios(
@@ -284,17 +314,16 @@ def likelihood_ratios(
     ages: Array,
     enough: np.ndarray,
     settings: DriftSettings,
-    known: Array,
+    noise: JointNoise,
     *,
-    noise_var: Array,
     beside_work: bool = False,
     of_work: float = OF_WORK,
 ) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
-    start has enough replays before it and since. known : (N,) `noise_known`. noise_var : (N,) between replays.
-    beside_work : whether work is observed beside replays; of_work : [χ²] by which the thresholds of young candidates are then higher.
+    start has enough replays before it and since. beside_work : whether work is observed beside replays; of_work : [χ²] by which the
+    thresholds of young candidates are then higher.
 
     The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
     prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints
@@ -305,7 +334,7 @@ def likelihood_ratios(
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
-    return ratio, ratio / with_prior / thresholds(ages, settings, known, noise_var=noise_var, beside_work=beside_work, of_work=of_work)
+    return ratio, ratio / with_prior / thresholds(ages, settings, noise, beside_work=beside_work, of_work=of_work)
 
 
 def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages: Array, enough: np.ndarray) -> Array:
@@ -325,22 +354,16 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
     return summed
 
 
-def thresholds(
-    ages: Array,
-    settings: DriftSettings,
-    known: Array,
-    *,
-    noise_var: Array,
-    beside_work: bool = False,
-    of_work: float = OF_WORK,
-) -> Array:
+def thresholds(ages: Array, settings: DriftSettings, noise: JointNoise, *, beside_work: bool = False, of_work: float = OF_WORK) -> Array:
     """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. The others are as in `likelihood_ratios`."""
     log_age = np.log(np.maximum(ages, 1.0))
-    by_age = 2.0 * log_age + KNOWN_NOISE * known[:, None] - of_work * (beside_work & (ages < LONG))
+    known, alone = noise.known[:, None], not beside_work
+    frequent = OF_FREQUENT * np.log(np.clip(1.0 / noise.interval_days[:, None], 1.0, MOST_A_DAY))
+    by_age = 2.0 * log_age + KNOWN_NOISE * known - (frequent if alone else of_work * (ages < LONG))
     least, most = np.square(NOISY_STD)
-    noisy = np.clip(noise_var[:, None], least, most)
-    of_noise = np.where(ages >= LONG, OF_NOISE * np.log(noisy / least) * np.log(most / noisy) * (1.0 - known[:, None]), 0.0)
-    of_old = np.where((ages >= RATE_REPLAYS) & (not beside_work), OF_OLD_STEP + of_noise, 0.0)
+    noisy = np.clip(noise.var[:, None], least, most)
+    of_noise = np.where(ages >= LONG, OF_NOISE * np.log(noisy / least) * np.log(most / noisy) * (1.0 - known), 0.0)
+    of_old = np.where((ages >= RATE_REPLAYS) & alone, OF_OLD_STEP + of_noise, 0.0)
     of_step = settings.shift_sigma**2 - of_old
     of_rate = np.where(ages >= RATE_REPLAYS, settings.pace_sigma, settings.shift_sigma) ** 2
     of_rate -= 2.0 * np.maximum(log_age - math.log(OLD_REPLAYS), 0.0)
@@ -357,6 +380,7 @@ class Taken(NamedTuple):
     age: Array  # (N,) [replays] of the likeliest change
     shared: Array  # (N,) the part that went to the levels, because most joints had it, log
     shared_var: Array  # (N,) its variance
+    differing_var: Array  # (N,) as in `Change`
 
 
 def change_posterior(
@@ -380,7 +404,6 @@ def change_posterior(
     """
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
-    nu, S = innovation.value[n] - run.phi * run.nu, innovation.var[n] - run.phi**2 * run.var
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
     before = run.left_of(bank.before.of_joints(n), run.before)
     precision = before.information.reshape(-1, M) + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)  # (n, M)
@@ -391,18 +414,30 @@ def change_posterior(
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, before.score.reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
+    effect, last_effect = bank.effect[n].reshape(-1, M), run.last_effect.reshape(-1, M)
+
+    def left(phi: Array) -> tuple[Array, Array]:
+        """(n,) what this replay has beside the change and the noise that the one before has shown, and the variance of it."""
+        G = effect - phi[:, None] * last_effect
+        rest = innovation.value[n] - phi * run.nu - np.einsum("nm,nm->n", weight, G * size)
+        return rest, innovation.var[n] - phi**2 * run.var
+
+    rest, S = left(run.phi)
+    # outliers in a row that differ by more than noise do not show what lasts of it, and none of them says more of the size than another
+    differing = alone[:, 0, 0] & (run.length > 1.0) & (rest**2 > CLIPPED**2 * S)
+    run = run._replace(phi=np.where(differing, 0.0, run.phi))
+    rest, S = left(run.phi)
+    surplus = np.maximum(rest**2 - CLIPPED**2 * S, 0.0)
+    seen = run.phi[:, None] * last_effect
     g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
-    seen = run.phi[:, None] * run.last_effect.reshape(-1, M)
     g[..., NOISE] -= seen
-    G = bank.effect[n].reshape(-1, M) - seen
     g, to_level = to_levels(g, common[n])
     moved = g * size[:, :, None]
     shift = np.einsum("nm,nms->ns", weight, moved)
     best = np.argmax(weight, axis=1)
     row = np.arange(len(n))
-    gain = G[row, best]
-    rest = nu - np.einsum("nm,nm->n", weight, G * size)
-    wider = np.maximum(rest**2 - CLIPPED**2 * S, 0.0) / np.maximum(gain**2, 1e-12)
+    gain = (effect - seen)[row, best]
+    wider = surplus / np.where(differing, run.length, np.maximum(gain**2, 1e-12))
     var = 1.0 / precision + 0.25 * (full - clipped) ** 2
     var[row, best] += np.minimum(wider, np.where(best < WINDOW, STEP_STD, RATE_STD_PER_DAY) ** 2) / np.maximum(weight[row, best], 0.1)
     away = moved - shift[:, None, :]
@@ -411,12 +446,13 @@ def change_posterior(
     mean, cov = mean.copy(), cov.copy()
     mean[n] = known + shift
     cov[n] = known_cov + symmetric(spread)
-    stepped, age, shared, shared_var = np.zeros((4, len(mean)))
+    stepped, age, shared, shared_var, differing_var = np.zeros((5, len(mean)))
     stepped[n] = np.where(common[n], 0.0, (weight * size)[:, :WINDOW].sum(axis=1))
     age[n] = bank.ages[n, best % WINDOW]
     shared[n] = np.sum(weight * size * to_level, axis=1)
     shared_var[n] = np.sum(weight * (var * to_level**2 + (size * to_level - shared[n, None]) ** 2), axis=1)
-    return Taken(mean, cov, stepped, age, shared, shared_var)
+    differing_var[n] = np.where(differing, surplus, 0.0)
+    return Taken(mean, cov, stepped, age, shared, shared_var, differing_var)
 
 
 def of_run(ratios: Array, counted: ChangeSums, run: OutlierRun) -> Array:

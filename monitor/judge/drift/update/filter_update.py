@@ -68,7 +68,7 @@ def update_filter(
     event = classify(innovation, gate, of_baseline=change.of_baseline, of_wear=change.of_wear)
     learnt = event <= STEP
 
-    new_mean, new_cov = update(change.mean, change.cov, innovation.log_torque, innovation.within_var, innovation.row)
+    new_mean, new_cov = update(change.mean, change.cov, innovation.log_torque, innovation.within_var + change.differing_var, innovation.row)
     # responses to a change follow the gain of the filter that knew of no change
     K = np.where(learnt[:, None], innovation.state_cov / innovation.var[:, None], 0.0)
     found = change.of_baseline | change.of_wear

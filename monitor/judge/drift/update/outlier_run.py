@@ -50,6 +50,7 @@ class OutlierRun(NamedTuple):
     var: Array  # (N,) S₋₁
     phi: Array  # (N,) φ: the noise that ν₋₁ leads to expect now, over ν₋₁
     last_effect: Array  # (N, 2, W) G₋₁
+    length: Array  # (N,) number of outliers; 0 or 1 where there is nothing to be said
 
     def left_of(self, sums: ChangeSums, more: ChangeSums) -> ChangeSums:
         """The sums with `before` or `now` added."""
@@ -123,4 +124,5 @@ def outlier_run(
         var=np.where(last, S[:, 1], 0.0),
         phi=np.where(last, np.minimum(lasting[:, 1] / S[:, 1], MOST_EXPLAINED * np.sqrt(innovation.var / S[:, 1])), 0.0),
         last_effect=added(1),
+        length=length,
     )

@@ -29,6 +29,10 @@ MORE = {
     "two-joints": (3, 3),
     "grease-lag": (3, 3),
     "paths": (3, 32),
+    "twice-a-day-replay": (8, 4),
+    "twice-a-day-time": (8, 4),
+    "four-a-day": (8, 4),
+    "bad-days": (8, 4),
 }
 NOISE_KNOWN = ("plain", "noise-4", "quiet")  # worlds with goals of days in which nothing but wear and temperature moves friction
 SEED_ABOVE = 1000  # of the worlds, above the card's: seeds from 1 to 99 were for development, those from 3000 on nobody looked at

@@ -127,6 +127,24 @@ class Telegraph:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BadDays:
+    """On some days in a row one joint of an arm shows a friction that is far off, down or up, each day by another share; then as before."""
+
+    share: tuple[float, float] = (0.05, 0.40)
+    days: tuple[int, int] = (2, 5)
+    a_year: float = 1.0
+
+    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
+        """Spells begin on any day, in any joint."""
+        log = np.zeros(shape)
+        for day, arm in zip(*np.nonzero(rng.random(shape[:2]) < self.a_year / DAYS_A_YEAR), strict=True):
+            last = min(day + int(rng.integers(self.days[0], self.days[1] + 1)), shape[0])
+            off = rng.choice([-1.0, 1.0]) * rng.uniform(*self.share, last - day)
+            log[day:last, arm, rng.integers(shape[2])] = np.log1p(off)
+        return Factors(log, log)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sawtooth:
     """A year's cycle that is no sine: friction of all joints rises for most of the year, as humidity does, and falls within weeks."""
 

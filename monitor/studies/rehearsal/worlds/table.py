@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.studies.rehearsal.worlds.change import (
+    BadDays,
     Gain,
     LevelJumps,
     Payload,
@@ -239,6 +240,11 @@ _OTHERS = (
         goal=Goal(false=0.2),
     ),
     World(
+        name="four-a-day",
+        sentence="four replays a day: σ 2 %, ρ 0.5 from one to the next",
+        replays_a_day=4,
+    ),
+    World(
         name="noise-shared",
         sentence="half of the variance is common to the arm's joints; σ 2 %, ρ 0.5",
         noise=Sum(laws=(Correlated(std=0.0141), Correlated(std=0.0141, common=True))),
@@ -276,6 +282,12 @@ _OTHERS = (
         goal=Goal(counted=("rising", "falling")),
     ),
     World(name="telegraph", sentence="each joint goes back and forth between two levels 3 % apart, 20 days each", changes=(Telegraph(),)),
+    World(
+        name="bad-days",
+        sentence="once a year one joint is off by 5–40 % on two to five days, each by another share; alerts meanwhile count",
+        changes=(BadDays(),),
+        goal=Goal(false=0.6),
+    ),
     World(
         name="yearly-sawtooth",
         sentence="friction of all joints rises by 4 % over ten months and falls back within six weeks, every year",
