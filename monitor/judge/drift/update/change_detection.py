@@ -399,8 +399,8 @@ def change_posterior(
     run : of the joints in `found`.
 
     Which change it was, and since when, is as uncertain as the candidates' likelihoods say: the state takes over their mean and the spread
-    between them. This replay is left to the update that follows; where it disagrees with the estimated size, the variance of that grows until
-    it agrees. Of outliers in a row that differ, its own variance grows (`differing_var`), and that of the size by its share among them.
+    between them. This replay is left to the update that follows; where it disagrees with the estimated size, the variance of the size grows
+    until it agrees. Of outliers in a row that differ, that of the replay grows, `differing_var`, and that of the size by a share of it.
     """
     n = np.flatnonzero(found)
     M = KINDS * WINDOW
