@@ -119,7 +119,7 @@ def test_an_old_step_in_a_noisy_joint_needs_less_evidence():
 
 @given(st.floats(1.0, 300.0), st.floats(1e-3, 30.0), st.floats(0.0, 0.5), st.booleans())
 def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, beside_work):
-    """By 3·ln of their number a day, up to eight; replays once a day and more rarely, and those beside work, need what they did."""
+    """By 3·ln of their number a day, up to four; replays once a day and more rarely, and those beside work, need what they did."""
     daily, of = (
         needed(age, noise=noise, beside_work=beside_work),
         needed(age, noise=noise, interval_days=interval_days, beside_work=beside_work),

@@ -343,6 +343,7 @@ def test_the_card_has_a_row_a_world_with_its_goals():
     assert "asked ≤ 11 " in rows[1]
     assert sum("P50 within" in line or "5 % step | 50 %" in line for line in rows) == 2
     assert "from seed 7" in text
+    assert "- 64 healthy arms live three years, 16 from " in text
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ class Reference:
     shared: Array  # changes that the joint had together with most joints of its arm, of either sign
     shared_var: Array
     held_days: Array  # [d] since the level that wear counts from was reached; NaN: since the beginning
-    last_fall: Array  # the part of `fallen` that is not held for long yet; 0 in beliefs of releases without it
 
     @property
     def moved(self) -> Array:
@@ -42,13 +41,7 @@ def from_beginning(joints: int) -> Reference:
     """The reference of joints that have held no lower level, nor changed together."""
     nothing = np.zeros(joints)
     return Reference(
-        fallen=nothing,
-        run_in=nothing,
-        fallen_var=nothing,
-        shared=nothing,
-        shared_var=nothing,
-        held_days=np.full(joints, np.nan),
-        last_fall=nothing,
+        fallen=nothing, run_in=nothing, fallen_var=nothing, shared=nothing, shared_var=nothing, held_days=np.full(joints, np.nan)
     )
 
 
@@ -78,5 +71,4 @@ def reference_from_document(document: Any, joints: int) -> Reference:
     """A Reference from its document; that of the beginning from null, as in beliefs of releases without it."""
     if document is None:
         return from_beginning(joints)
-    complete = {"last_fall": [0.0] * joints, **document} if isinstance(document, dict) else document
-    return Reference(**arrays(complete, [f.name for f in fields(Reference)], (joints,), where="belief: track: counted_from"))
+    return Reference(**arrays(document, [f.name for f in fields(Reference)], (joints,), where="belief: track: counted_from"))

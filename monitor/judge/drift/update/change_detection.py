@@ -51,7 +51,7 @@ LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
 # 2·ln 2 (Rice, 1945); and ages are counted in replays, so that old changes, which need less, are fewer days old. By trial, at σ 2 % and
 # ρ 0.5 from replay to replay: false advisories at four replays a day are those at one. Not beside work, whose replays are rare
 OF_FREQUENT = 3.0
-MOST_A_DAY = 8.0  # replays within minutes of each other, by somebody who watches, do not blind the filter for weeks
+MOST_A_DAY = 4.0  # replays within minutes of each other, by somebody who watches, do not blind the filter for weeks
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
 USUAL_RATE_PER_DAY = 0.003  # [1/day] the same where a change is looked for, 110 % a year: what rises by 400 % a year needs more evidence
 EARLY_STEP = 0.15  # [log] so much is a change even among the first replays: neither noise nor running-in makes it in a week
@@ -291,7 +291,7 @@ def detect_change(
         )
         taken = change_posterior(mean, cov, bank, ratios, innovation, run, of_wear, common, in_a_row)
     since = 1.0 + taken.age
-    agreeing = np.where(common | (taken.differing_var > 0), 1.0, since)  # a common change is none of the joint
+    agreeing = np.where(common, 1.0, since)  # it is none of the joint
     return Change(
         taken.mean,
         taken.cov,

@@ -1,7 +1,5 @@
 """Wear counts from the lowest level of friction that was surely held: a fall that is sure is moved out of wear into the levels.
 
-A level that was held for some weeks alone is one: friction that is back before has not risen.
-
 The map is exact: with a the levels and w the wear, a + w and every later observation stay as they are. Nothing is plugged in, so the lowest
 of many noisy estimates is not taken for the level: the level's uncertainty stays with it, and the replays that follow teach it.
 """
@@ -10,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LEVELS, RATE, SETTLING, STATES, WEAR, WORK_LEVEL, FilterState
+from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, WORK_LEVEL, FilterState
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.chance import forget_chance
 from monitor.judge.drift.settings import DriftSettings
@@ -18,12 +16,9 @@ from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
 
 SURE = 2.0  # [σ] by which wear must lie below 0 to be a fall
-KNOWN_STD = 0.04  # [log] a fall whose size is known less stays in wear for now: as a level it would take up whatever comes next
 LEAST_FALL = 0.01  # [log] smallest fall that is moved: less is no reason to move the level, as a rise of less is no advisory
 SUSPECTED = 2.0  # [σ] of evidence for a rise that is not detected yet: until it is decided, the level is not known to be held
 RUN_IN_DAYS = 180.0  # [d] a slow fall of the first half year is running-in: seals and grease settle in weeks to months
-# [d] a level that friction leaves earlier, to where it was before, was a spell: a week of a bad sensor, or of a lubricant that did not stay
-HELD_DAYS = 30.0
 AT_ONCE, AT_ONCE_DAYS = 0.05, 10.0  # [log], [d] a fall of so much in so few days is none: something was done to the joint
 
 
@@ -32,12 +27,10 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, 
 
     worked : (N,) joints that were worked on: a fall of theirs is not known to be held before the work is judged; None: no joint.
     """
-    held_days = state.counted_from.held_days + days
-    last_fall = np.where(held_days <= HELD_DAYS, state.counted_from.last_fall, 0.0)
-    state = _back_from_fall(replace(state, counted_from=replace(state.counted_from, held_days=held_days, last_fall=last_fall)))
-    reference = state.counted_from
+    reference = replace(state.counted_from, held_days=state.counted_from.held_days + days)
+    state = replace(state, counted_from=reference)
     fallen = state.wear < -np.maximum(SURE * state.wear_std, LEAST_FALL)
-    fallen &= state.learnt_from & (state.event != SETTLING) & (state.wear_std <= KNOWN_STD)
+    fallen &= state.learnt_from
     if worked is not None:
         fallen &= ~worked
     if fallen.any():  # on few days
@@ -52,34 +45,8 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, 
         run_in=reference.run_in + np.where(slow, moved, 0.0),
         fallen_var=reference.fallen_var + np.where(fallen, state.wear_std**2, 0.0),
         held_days=np.where(fallen, 0.0, reference.held_days),
-        last_fall=reference.last_fall + np.where(slow, 0.0, moved),
     )
     return replace(begin_here(state, fallen, settings.rate_std_per_day), counted_from=reference)
-
-
-def _back_from_fall(state: FilterState) -> FilterState:
-    """The state where friction is back to where it was before a fall of the last `HELD_DAYS`: that level was never held, nor is it wear.
-
-    The fall goes from the levels back into wear, as a number: a + w stays as it is, with its covariance.
-    """
-    fall = state.counted_from.last_fall
-    back = (fall < 0) & state.learnt_from & (state.wear + fall >= -SURE * state.wear_std) & (state.wear >= SURE * state.wear_std)
-    if not back.any():  # on nearly all days
-        return state
-    undone = np.where(back, fall, 0.0)
-    mean = state.mean.copy()
-    mean[:, WEAR] += undone
-    mean[:, LEVELS : LEVELS + SLOTS] -= undone[:, None]
-    if mean.shape[1] > STATES:
-        mean[:, WORK_LEVEL] -= undone
-    reference = replace(
-        state.counted_from,
-        fallen=state.counted_from.fallen - undone,
-        held_days=np.where(back, np.nan, state.counted_from.held_days),
-        last_fall=np.where(back, 0.0, fall),
-    )
-    history = np.where(back[:, None, None], 0.0, state.history)  # of another level
-    return replace(state, mean=mean, stepped=np.where(back, 0.0, state.stepped), history=history, counted_from=reference)
 
 
 def running_in(state: FilterState, fall: Array, agreeing: Array) -> np.ndarray:
