@@ -414,21 +414,25 @@ def change_posterior(
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, before.score.reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
-    effect, last_effect = bank.effect[n].reshape(-1, M), run.last_effect.reshape(-1, M)
+    effect = bank.effect[n].reshape(-1, M)
+
+    def seen_of(phi: Array) -> Array:
+        """(n, M) what a unit change has added to the noise that the outlier before has shown."""
+        return phi[:, None] * run.last_effect.reshape(-1, M)
 
     def left(phi: Array) -> tuple[Array, Array]:
         """(n,) what this replay has beside the change and the noise that the one before has shown, and the variance of it."""
-        G = effect - phi[:, None] * last_effect
-        rest = innovation.value[n] - phi * run.nu - np.einsum("nm,nm->n", weight, G * size)
+        rest = innovation.value[n] - phi * run.nu - np.einsum("nm,nm->n", weight, (effect - seen_of(phi)) * size)
         return rest, innovation.var[n] - phi**2 * run.var
 
     rest, S = left(run.phi)
-    # outliers in a row that differ by more than noise do not show what lasts of it, and none of them says more of the size than another
-    differing = alone[:, 0, 0] & (run.length > 1.0) & (rest**2 > CLIPPED**2 * S)
+    # Outliers in a row that differ by more than noise do not show what lasts of it, and none of them says more of the size than another.
+    # Not so where this replay is what follows on a shock that fades
+    differing = alone[:, 0, 0] & (run.length > 1.0) & (rest**2 > CLIPPED**2 * S) & ~fades(weight, size, effect - seen_of(run.phi), rest)
     run = run._replace(phi=np.where(differing, 0.0, run.phi))
     rest, S = left(run.phi)
     surplus = np.maximum(rest**2 - CLIPPED**2 * S, 0.0)
-    seen = run.phi[:, None] * last_effect
+    seen = seen_of(run.phi)
     g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
     g[..., NOISE] -= seen
     g, to_level = to_levels(g, common[n])
@@ -453,6 +457,13 @@ def change_posterior(
     shared_var[n] = np.sum(weight * (var * to_level**2 + (size * to_level - shared[n, None]) ** 2), axis=1)
     differing_var[n] = np.where(differing, surplus, 0.0)
     return Taken(mean, cov, stepped, age, shared, shared_var, differing_var)
+
+
+def fades(weight: Array, size: Array, effect: Array, rest: Array) -> np.ndarray:
+    """(n,) whether this replay alone says a smaller change on the same side, or none. weight, size, effect : (n, M); rest : (n,)."""
+    whole, more = np.einsum("nm,nm->n", weight, effect * size), np.abs(rest)
+    smaller: np.ndarray = (whole * rest < 0) & (more <= np.abs(whole))
+    return smaller
 
 
 def of_run(ratios: Array, counted: ChangeSums, run: OutlierRun) -> Array:
