@@ -49,7 +49,7 @@ OLD_REPLAYS = 40
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
 # [χ²] by which every threshold is higher where replays come e times as often as daily. Twice as many are twice as many chances, which costs
 # 2·ln 2 (Rice, 1945); and ages are counted in replays, so that old changes, which need less, are fewer days old. By trial, at σ 2 % and
-# ρ 0.5 from replay to replay: false advisories at four replays a day are those at one. Not beside work, whose replays are rare
+# ρ 0.5 from one replay to the next: 0.06 and 0.08 false advisories a robot-year at four a day, 0.06 at one. Not beside work
 OF_FREQUENT = 3.0
 MOST_A_DAY = 4.0  # replays within minutes of each other, by somebody who watches, do not blind the filter for weeks
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
@@ -293,17 +293,17 @@ def detect_change(
     since = 1.0 + taken.age
     agreeing = np.where(common, 1.0, since)  # it is none of the joint
     return Change(
-        taken.mean,
-        taken.cov,
-        of_baseline,
-        of_wear,
-        taken.stepped,
-        agreeing,
-        since,
-        common,
-        taken.shared,
-        taken.shared_var,
-        taken.differing_var,
+        mean=taken.mean,
+        cov=taken.cov,
+        of_baseline=of_baseline,
+        of_wear=of_wear,
+        stepped=taken.stepped,
+        agreeing=agreeing,
+        since=since,
+        common=common,
+        shared=taken.shared,
+        shared_var=taken.shared_var,
+        differing_var=taken.differing_var,
     )
 
 
@@ -407,32 +407,28 @@ def change_posterior(
     prior_std = np.repeat([STEP_STD, RATE_STD_PER_DAY], WINDOW)  # (M,)
     before = run.left_of(bank.before.of_joints(n), run.before)
     precision = before.information.reshape(-1, M) + np.repeat(np.array([STEP_STD, RATE_STD_PER_DAY]) ** -2, WINDOW)  # (n, M)
-    alone = (in_a_row & ~common)[n, None, None]  # a common change has the ratios of all joints
-    ratio = np.where(alone, of_run(ratios[n], bank.now.of_joints(n), run), ratios[n]).reshape(-1, M)
+    alone = (in_a_row & ~common)[n]  # a common change has the ratios of all joints
+    ratio = np.where(alone[:, None, None], of_run(ratios[n], bank.now.of_joints(n), run), ratios[n]).reshape(-1, M)
     weight = candidate_weights(ratio, before.information.reshape(-1, M), precision, bank.ages[n], prior_std)
     # where innovations were clipped, the size lies between the clipped and the full estimate
     clipped, full = bank.glr_score[n].reshape(-1, M) / precision, before.score.reshape(-1, M) / precision
     clipped = np.where(in_a_row[n, None], full, clipped)  # outliers in a row count in full
     size = 0.5 * (clipped + full)
-    effect = bank.effect[n].reshape(-1, M)
+    effect, last_effect = bank.effect[n].reshape(-1, M), run.last_effect.reshape(-1, M)
+    changed, changed_before = (np.einsum("nm,nm->n", weight * size, each) for each in (effect, last_effect))
 
-    def seen_of(phi: Array) -> Array:
-        """(n, M) what a unit change has added to the noise that the outlier before has shown."""
-        return phi[:, None] * run.last_effect.reshape(-1, M)
+    def beside_noise(phi: Array) -> tuple[Array, Array, Array]:
+        """(n,) what this replay says beside the noise that the one before has shown, what the change leads to expect, and the variance."""
+        return innovation.value[n] - phi * run.nu, changed - phi * changed_before, innovation.var[n] - phi**2 * run.var
 
-    def left(phi: Array) -> tuple[Array, Array]:
-        """(n,) what this replay has beside the change and the noise that the one before has shown, and the variance of it."""
-        rest = innovation.value[n] - phi * run.nu - np.einsum("nm,nm->n", weight, (effect - seen_of(phi)) * size)
-        return rest, innovation.var[n] - phi**2 * run.var
-
-    rest, S = left(run.phi)
+    said, expected, S = beside_noise(run.phi)
     # Outliers in a row that differ by more than noise do not show what lasts of it, and none of them says more of the size than another.
-    # Not so where this replay is what follows on a shock that fades
-    differing = alone[:, 0, 0] & (run.length > 1.0) & (rest**2 > CLIPPED**2 * S) & ~fades(weight, size, effect - seen_of(run.phi), rest)
+    # Not so where this one says less than expected, on the same side: it is what follows on a shock that fades
+    differing = alone & (run.length > 1.0) & ((said - expected) ** 2 > CLIPPED**2 * S) & (said * (expected - said) < 0)
     run = run._replace(phi=np.where(differing, 0.0, run.phi))
-    rest, S = left(run.phi)
-    surplus = np.maximum(rest**2 - CLIPPED**2 * S, 0.0)
-    seen = seen_of(run.phi)
+    said, expected, S = beside_noise(run.phi)
+    surplus = np.maximum((said - expected) ** 2 - CLIPPED**2 * S, 0.0)
+    seen = run.phi[:, None] * last_effect
     g = bank.responses[n].reshape(len(n), M, -1).copy()  # (n, M, S)
     g[..., NOISE] -= seen
     g, to_level = to_levels(g, common[n])
@@ -457,13 +453,6 @@ def change_posterior(
     shared_var[n] = np.sum(weight * (var * to_level**2 + (size * to_level - shared[n, None]) ** 2), axis=1)
     differing_var[n] = np.where(differing, surplus, 0.0)
     return Taken(mean, cov, stepped, age, shared, shared_var, differing_var)
-
-
-def fades(weight: Array, size: Array, effect: Array, rest: Array) -> np.ndarray:
-    """(n,) whether this replay alone says a smaller change on the same side, or none. weight, size, effect : (n, M); rest : (n,)."""
-    whole, more = np.einsum("nm,nm->n", weight, effect * size), np.abs(rest)
-    smaller: np.ndarray = (whole * rest < 0) & (more <= np.abs(whole))
-    return smaller
 
 
 def of_run(ratios: Array, counted: ChangeSums, run: OutlierRun) -> Array:
