@@ -20,13 +20,13 @@ test holds this map against the linter's contracts.
     simulate        a UR controller made of software, on the real wire; it does not know the monitor's model
     store           one robot's history on disk: SQLite, recordings and their archive, backups, provenance
     publish         Assessment → Zenoh and metrics; the documents and the typed client
-    assess        ∘ the whole flow from Recording to Assessment, as one function
-    judge         ∘ Identification → Assessment: temperature, drift, torque, alerts
+    judge         ∘ Identification → Assessment: temperature, drift, torque, alerts; `judge.assess` is the whole flow from a Recording
     design        ∘ robot, mounting and cell → a trajectory with its proof
     identify      ∘ Recording → Identification: parameters, friction, uncertainty, warnings
     model         ∘ the arm as mathematics: robot, trajectory, regressor, base parameters, friction laws, energy
     recording     ∘ the value that acquire makes and identify reads
     errors        ∘ every error of this package, with its exit code
+    reason        ∘ what is said to people, as a value: a code with parameters; its sentence is made at the edge
 
 One alphabet of shapes holds everywhere: N samples, J joints (numbered from 1 where people read them), P = 13·J standard parameters,
 B base parameters. Units are part of the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames follow the standard Denavit–Hartenberg convention.

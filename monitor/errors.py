@@ -4,11 +4,17 @@ A `MonitorError` is a sentence for a person: what was wrong, where, and what wou
 and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
+from monitor.reason import Reason, reason_of
+
 
 class MonitorError(Exception):
-    """Base of every error that joint-monitor raises on purpose."""
+    """Base of every error that joint-monitor raises on purpose. `reason` is what it says, as a value; str() is its English text."""
 
     exit_code = 1
+
+    def __init__(self, said: str | Reason = "") -> None:
+        super().__init__(str(said))
+        self.reason = reason_of(said)
 
 
 class BadInput(MonitorError):
@@ -72,7 +78,7 @@ class ReplayAborted(MonitorError):
 
     def __init__(
         self,
-        message: str,
+        message: str | Reason,
         cause: str = "unknown",
         *,
         moved: bool = False,

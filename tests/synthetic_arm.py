@@ -9,8 +9,8 @@ from functools import cache
 
 import numpy as np
 
-from monitor.assess import AssessSettings, judge_identification
 from monitor.identify.identification import Identification
+from monitor.judge.assess import AssessSettings, judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
 from monitor.judge.drift.observation import Observation, observe

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, START_S, Arm, History, lived_together, weather
 
-from monitor.assess import AssessSettings, Rejected, assess, judge_identification
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
+from monitor.judge.assess import AssessSettings, Rejected, assess, judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import excitation_from_document

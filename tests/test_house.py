@@ -185,7 +185,7 @@ def private_names_used(text):
 
 
 @pytest.mark.parametrize(
-    "text", ["from monitor.assess import _assess", "def f():\n    from monitor.acquire.ur import stream\n    stream._wait()"]
+    "text", ["from monitor.judge.assess import _assess", "def f():\n    from monitor.acquire.ur import stream\n    stream._wait()"]
 )
 def test_the_check_of_private_names_finds_them(text):
     """Imported, or taken from their module."""

@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from monitor import __version__
 from monitor.cli.arm import bus, hand_over, history, inspected, live, motion, service, serviced
 from monitor.cli.hints import CommandWithHints
-from monitor.cli.offline import assess, design, identification, models, prior, query, reassess, reports, work
+from monitor.cli.offline import assess, design, identification, models, prior, production, query, reassess, reports
 from monitor.cli.plant import gateway, plant
 from monitor.cli.setup import init
 from monitor.cli.simulated import demo, simulator, trial
@@ -40,7 +40,7 @@ TOPICS = (
     simulator,
     models,
     identification,
-    work,
+    production,
     live,
     design,
     bus,

@@ -96,13 +96,13 @@ def joint_number(text: str, joints: int, option: str = "--joint") -> int:
 
     joints : of the arm.
     """
-    from monitor.model.joint_names import NAMES
-
     given = " ".join(text.casefold().replace("-", " ").replace("_", " ").split())
     number = given.removeprefix("joint ").removeprefix("j")
     if number.isascii() and number.isdigit() and 1 <= int(number) <= joints:
         return int(number)
-    names = [name.casefold() for name in NAMES[:joints]]
+    from monitor.reason import JOINT_NAMES
+
+    names = [name.casefold() for name in JOINT_NAMES[:joints]]
     if given.replace(" ", "") in (squeezed := [name.replace(" ", "") for name in names]):
         return squeezed.index(given.replace(" ", "")) + 1
     raise BadInput(f"{option} {text!r}: expected 1 to {joints}, or one of {', '.join(names)}")

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from monitor.acquire.settings import ReplaySettings
-from monitor.assess import AssessSettings
 from monitor.config.files import find_cell, find_excitation, find_prior
 from monitor.config.schema import Configuration, RobotSettings, StoreSettings, assess_sections, retired_keys, section_classes, text_keys
 from monitor.config.sections import nearest, read_section
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.assess import AssessSettings
 from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
@@ -151,7 +151,7 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) ->
         return None
     assert excitation is not None  # or there would be a mistake
     assert robot is not None  # likewise
-    rooms = ("schedule", "store", "replay", "bus", "metrics", "page", "work", "inspection")
+    rooms = ("schedule", "store", "replay", "bus", "metrics", "page", "production", "inspection")
     assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in assess_sections()})
     made = {name: sections[name] for name in rooms}
     return Configuration(path=path, robot=robot, assess=assess, excitation=excitation, notices=_notices(document), **made)

@@ -15,7 +15,7 @@ NEEDS_RESTART = (
     "robot.listen_hz",
     "replay.hand_over",
     "replay.hand_over_listen",
-    "work",
+    "production",
     "bus",
     "metrics",
     "page",
@@ -51,7 +51,7 @@ def reloaded(old: Configuration, new: Configuration) -> Reloaded:
     different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
     waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
     held = () if "store.directory" in waiting else tuple(key for key in waiting if key in BOUND_TO_HISTORY)
-    kept = {name: getattr(old, name) for name in ("work", "bus", "metrics", "page") if hasattr(old, name)}
+    kept = {name: getattr(old, name) for name in ("production", "bus", "metrics", "page") if hasattr(old, name)}
     staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
     robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
     excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # a trajectory is made for one model

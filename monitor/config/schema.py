@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_type_hints
 import numpy as np
 from annotated_types import Interval
 
+from monitor.acquire.production_settings import ProductionListenSettings
 from monitor.acquire.schedule.settings import ScheduleSettings
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.work_settings import WorkListenSettings
-from monitor.assess import AssessSettings
 from monitor.errors import BadInput
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
@@ -100,7 +100,7 @@ class Configuration:
     page: PageSettings
     assess: AssessSettings
     excitation: Excitation
-    work: WorkListenSettings = dataclasses.field(default_factory=WorkListenSettings)
+    production: ProductionListenSettings = dataclasses.field(default_factory=ProductionListenSettings)
     inspection: InspectionSettings = dataclasses.field(default_factory=InspectionSettings)
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
     notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
@@ -182,7 +182,7 @@ class Configuration:
 def section_classes() -> dict[str, type]:
     """The sections that are one room's settings each."""
     rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms |= {"metrics": MetricsSettings, "page": PageSettings, "work": WorkListenSettings, "inspection": InspectionSettings}
+    rooms |= {"metrics": MetricsSettings, "page": PageSettings, "production": ProductionListenSettings, "inspection": InspectionSettings}
     return rooms | assess_sections() | {"assess": FlowSettings}
 
 

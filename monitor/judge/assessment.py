@@ -14,11 +14,11 @@ from monitor.judge.alerts.health import Health, Transition
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life_of_joint
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
+from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.observation import observe
 from monitor.judge.drift.ripple_track import JointRipple, joint_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
-from monitor.judge.drift.work import Work
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.compensated_model import CompensatedModel
@@ -99,7 +99,7 @@ class Assessment:
     health: Health
     transitions: tuple[Transition, ...]
     warnings: tuple[DataWarning, ...]
-    works: tuple[Work, ...]  # on joints: those that this replay's context declares first, and those that this replay judges
+    maintenance: tuple[Maintenance, ...]  # on joints: those that this replay's context declares first, and those that this replay judges
     drift: DriftSettings
     laws: TemperatureSettings
     prognosis: PrognosisSettings

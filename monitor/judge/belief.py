@@ -10,6 +10,7 @@ from monitor.judge.document import array, entry, key_of, plain
 from monitor.judge.drift.channels.state import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
+from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.noise.volatility import volatility_from_document
 from monitor.judge.drift.reference import reference_from_document
@@ -23,12 +24,11 @@ from monitor.judge.drift.undeclared_level import UndeclaredLevel, Weights, undec
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
-from monitor.judge.drift.work import Work
 from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
+from monitor.judge.production_observation import ProductionHistory, context_from_document, production_history_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
 from monitor.judge.temperature.stuck import SensorHistory, sensors_from_document
-from monitor.judge.work_observation import WorkHistory, context_from_document, work_history_from_document
 from monitor.recording import Array, Context
 
 BELIEF_SCHEMA = 4
@@ -59,7 +59,9 @@ class Belief:
     sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
     # of predicted torque; None before the first prediction, and in beliefs of releases without it
     prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
-    works: tuple[Work, ...] = ()  # on joints: those that are not judged yet, and of each joint the last one from which friction counts
+    maintenance: tuple[
+        Maintenance, ...
+    ] = ()  # on joints: those that are not judged yet, and of each joint the last one from which friction counts
     residual_peak_rad: Array | None = None  # (J,) where along the joint the last replay's residual was largest; None: not known
     ripple: RippleTrack | None = (
         None  # of the gears, in the context in force; None where none was seen, and in beliefs of releases without it
@@ -67,7 +69,7 @@ class Belief:
     undeclared_level: UndeclaredLevel | None = None  # of weights that contradict the context in force, and have a level of their own
     undeclared_candidate: UndeclaredLevel | None = None  # likewise, after too few replays for one
     schema_version: int = BELIEF_SCHEMA
-    ordinary_work: WorkHistory | None = None  # observations from the arm's ordinary work; None: there was none
+    production: ProductionHistory | None = None  # observations from the arm's ordinary work; None: there was none
 
     @property
     def joints(self) -> int:
@@ -125,15 +127,15 @@ class Belief:
         )
 
     @property
-    def worked(self) -> np.ndarray:
+    def awaiting_proof(self) -> np.ndarray:
         """(J,) joints with work that is not judged yet."""
-        worked = np.zeros(self.joints, dtype=bool)
-        worked[[work.joint - 1 for work in self.works if work.waiting]] = True
-        return worked
+        awaiting_proof = np.zeros(self.joints, dtype=bool)
+        awaiting_proof[[act.joint - 1 for act in self.maintenance if act.waiting]] = True
+        return awaiting_proof
 
-    def counted_since(self, joint: int) -> Work | None:
+    def counted_since(self, joint: int) -> Maintenance | None:
         """The work on a joint (from 1) since which its friction counts; None: since the beginning."""
-        return next((work for work in reversed(self.works) if work.joint == joint and not work.waiting), None)
+        return next((act for act in reversed(self.maintenance) if act.joint == joint and not act.waiting), None)
 
     @property
     def wear(self) -> Array:
@@ -213,8 +215,8 @@ class Belief:
         document: dict[str, Any] = plain(self)
         if self.filter_state.sources is None:  # as releases without ordinary work wrote it
             del document["track"]["sources"]
-        if self.ordinary_work is None:
-            del document["ordinary_work"]
+        if self.production is None:
+            del document["production"]
         return document
 
 
@@ -262,11 +264,11 @@ def belief_from_document(document: Any) -> Belief:
             sensors=sensors_from_document(document.get("sensors"), J),
             prediction_error=statistics_from_document(document.get("doubt"), J),
             ripple=ripple_from_document(document.get("ripple"), J),
-            works=tuple(Work(**work) for work in document.get("works") or ()),
+            maintenance=tuple(Maintenance(**act) for act in document.get("maintenance") or ()),
             residual_peak_rad=None
             if document.get("residual_peak_rad") is None
             else array(document, "residual_peak_rad", (J,), where=where),
-            ordinary_work=work_history_from_document(document.get("ordinary_work"), J),
+            production=production_history_from_document(document.get("production"), J),
             undeclared_level=undeclared_level_from_document(document.get("undeclared_level")),
             undeclared_candidate=undeclared_level_from_document(document.get("undeclared_candidate")),
             **arrays,

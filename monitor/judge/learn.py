@@ -22,6 +22,7 @@ from monitor.judge.drift.contexts import (
     with_lasting_declarations,
 )
 from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
+from monitor.judge.drift.maintenance import MAINTENANCE, REPLACED, SERIALS, Maintenance, count_replay, judged
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.ripple_track import update_ripple
 from monitor.judge.drift.settings import DriftSettings
@@ -34,10 +35,9 @@ from monitor.judge.drift.undeclared_change import (
     rigid_fit,
 )
 from monitor.judge.drift.undeclared_level import Weights, declares_level, weigh
-from monitor.judge.drift.work import MAINTENANCE, REPLACED, SERIALS, Work, count_replay, judged
+from monitor.judge.maintenance import begin_maintenance, with_outcomes
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.judge.works import begin_works, with_outcomes
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import DAY_S, FOREIGN_MOTION, Context
 
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
@@ -50,7 +50,9 @@ class LearnResult(NamedTuple):
     belief: Belief
     warnings: tuple[DataWarning, ...]
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE
-    works: tuple[Work, ...] = ()  # on joints: those that this replay's context declares first, and those that this replay judges
+    maintenance: tuple[
+        Maintenance, ...
+    ] = ()  # on joints: those that this replay's context declares first, and those that this replay judges
 
 
 class ContextChange(NamedTuple):
@@ -59,13 +61,13 @@ class ContextChange(NamedTuple):
     belief: Belief  # with the new context in force
     differences: list[str]
     opened: bool  # whether the level of the new context is unknown
-    works: tuple[Work, ...]  # that the context declares first
+    maintenance: tuple[Maintenance, ...]  # that the context declares first
 
     @property
     def replaced(self) -> np.ndarray:
         """(J,) joints with another serial number."""
         replaced = np.zeros(self.belief.joints, dtype=bool)
-        replaced[[work.joint - 1 for work in self.works if work.kind == REPLACED]] = True
+        replaced[[act.joint - 1 for act in self.maintenance if act.kind == REPLACED]] = True
         return replaced
 
 
@@ -129,7 +131,7 @@ def learn(
         slot=moved.slot[:1],
         opened=np.array([change.opened]),
         replaced=change.replaced,
-        worked=moved.worked,
+        awaiting_proof=moved.awaiting_proof,
         undeclared=np.array([undeclared.withheld]),
         same_mass=np.array([undeclared.same_mass]),
         revolutions=_revolutions(belief, context),
@@ -139,26 +141,26 @@ def learn(
     days = float(replay.days[0]) + (0.0 if sources is None else float(sources.since_days.max()))  # since the last replay
     ripple = update_ripple(belief.ripple, identification.ripple, days, fresh=bool(change.differences))
     after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad, ripple=ripple)
-    after, settled = _judge_works(after, limits, settings)
-    return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.works, *settled))
+    after, settled = _judge_maintenance(after, limits, settings)
+    return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.maintenance, *settled))
 
 
-def _judge_works(belief: Belief, limits: HealthSettings, settings: DriftSettings) -> tuple[Belief, tuple[Work, ...]]:
+def _judge_maintenance(belief: Belief, limits: HealthSettings, settings: DriftSettings) -> tuple[Belief, tuple[Maintenance, ...]]:
     """The belief with its works after one more replay, and those of them that this replay judges."""
-    if not any(work.waiting for work in belief.works):
+    if not any(act.waiting for act in belief.maintenance):
         return belief, ()
     day, worn = math.floor(belief.at_unix_s / DAY_S), math.log1p(limits.clear_fraction * limits.wear_rise)
     counts = belief.learnt_from & np.isfinite(belief.temperature_c)
 
-    def after(work: Work) -> Work:
-        if not (work.waiting and counts[work.joint - 1]):
-            return work
-        counted = count_replay(work, day)
+    def after(act: Maintenance) -> Maintenance:
+        if not (act.waiting and counts[act.joint - 1]):
+            return act
+        counted = count_replay(act, day)
         return judged(counted, belief.filter_state, least_replays=limits.min_replays, least_days=limits.min_days, worn=worn)
 
-    works = tuple(after(work) for work in belief.works)
-    settled = tuple(now for before, now in zip(belief.works, works, strict=True) if before.waiting and not now.waiting)
-    return with_outcomes(replace(belief, works=works), settled, settings), settled
+    maintenance = tuple(after(act) for act in belief.maintenance)
+    settled = tuple(now for before, now in zip(belief.maintenance, maintenance, strict=True) if before.waiting and not now.waiting)
+    return with_outcomes(replace(belief, maintenance=maintenance), settled, settings), settled
 
 
 def enter_declared_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, limits: HealthSettings) -> ContextChange:
@@ -166,18 +168,18 @@ def enter_declared_context(belief: Belief, context: Context, at_unix_s: float, f
     changed = differences(belief.context, context)
     if not changed:
         return ContextChange(belief, changed, False, ())
-    declared = _declared_works(belief, context, at_unix_s)
-    belief, works = begin_works(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
+    declared = _declared_maintenance(belief, context, at_unix_s)
+    belief, maintenance = begin_maintenance(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
     if not differences(belief.context, context):
-        return ContextChange(belief, changed, False, works)
+        return ContextChange(belief, changed, False, maintenance)
     sigma, mass_kg = limits.contradiction_sigma, limits.contradiction_kg
     weights, level = belief.arm_weights, belief.arm_weights.level
     if level is not None and may_be_level(belief.contexts, context) and declares_level(weights, fit, sigma=sigma, mass_kg=mass_kg):
         belief = replace(belief, contexts=declare_level(belief.contexts, context))
-        return ContextChange(belief.with_arm_weights(Weights(level.estimate)), changed, False, works)
+        return ContextChange(belief.with_arm_weights(Weights(level.estimate)), changed, False, maintenance)
     contexts, opened = enter(belief.contexts, context, at_unix_s)
     weights = weights if _another_motion_only(belief.context, context) else Weights()
-    return ContextChange(replace(belief, contexts=contexts).with_arm_weights(weights), changed, opened, works)
+    return ContextChange(replace(belief, contexts=contexts).with_arm_weights(weights), changed, opened, maintenance)
 
 
 def enter_undeclared_level(
@@ -202,7 +204,7 @@ def _another_motion_only(before: Context, after: Context) -> bool:
     return named.startswith(FOREIGN_MOTION) and not differences(replace(before, trajectory_digest=named), after)
 
 
-def _declared_works(belief: Belief, after: Context, at_unix_s: float) -> tuple[Work, ...]:
+def _declared_maintenance(belief: Belief, after: Context, at_unix_s: float) -> tuple[Maintenance, ...]:
     """Work on joints that a context declares, and the one before did not.
 
     A serial number that changes is a new joint. One that is declared for the first time may be: friction shows it. Another text of
@@ -210,20 +212,20 @@ def _declared_works(belief: Belief, after: Context, at_unix_s: float) -> tuple[W
     """
     before = belief.context
 
-    def work(joint: int, kind: str, why: str) -> Work:
-        return Work(joint, kind, at_unix_s, at_unix_s, "declared in the configuration", why)
+    def act(joint: int, kind: str, why: str) -> Maintenance:
+        return Maintenance(joint, kind, at_unix_s, at_unix_s, "declared in the configuration", why)
 
     old, new = before.joint_serials or (), after.joint_serials or ()
-    works: dict[int, Work] = {}
+    maintenance: dict[int, Maintenance] = {}
     if before.maintenance != after.maintenance and after.maintenance:
-        works = {joint: work(joint, MAINTENANCE, after.maintenance) for joint in range(1, belief.joints + 1)}
+        maintenance = {joint: act(joint, MAINTENANCE, after.maintenance) for joint in range(1, belief.joints + 1)}
     for joint in range(1, belief.joints + 1):
         was, now = (one[joint - 1].strip() if len(one) == belief.joints else "" for one in (old, new))
         if was and now and was != now:
-            works[joint] = work(joint, REPLACED, f"serial number {was} → {now}")
-        elif now and not was and joint not in works:
-            works[joint] = work(joint, SERIALS, f"serial number {now}, declared for the first time")
-    return tuple(works[joint] for joint in sorted(works))
+            maintenance[joint] = act(joint, REPLACED, f"serial number {was} → {now}")
+        elif now and not was and joint not in maintenance:
+            maintenance[joint] = act(joint, SERIALS, f"serial number {now}, declared for the first time")
+    return tuple(maintenance[joint] for joint in sorted(maintenance))
 
 
 def _days_since(belief: Belief, at_unix_s: float) -> float:
@@ -256,7 +258,7 @@ def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
         temperature_c=result.observation.temperature_c,
         inside_range=result.inside_range.astype(float),
         last_log_torque=result.observation.log_torque,
-        ordinary_work=None if belief.ordinary_work is None else replace(belief.ordinary_work, asks=(), suspects=()),
+        production=None if belief.production is None else replace(belief.production, asks=(), suspects=()),
     )
 
 
@@ -282,7 +284,7 @@ def _change_text(change: ContextChange) -> str:
     then = "its baseline is known from before"
     if change.opened:
         then = "a new baseline begins, wear is carried over; wear that came with the change cannot be seen"
-    elif any(work.waiting for work in change.works):
+    elif any(act.waiting for act in change.maintenance):
         then = "work may have moved friction either way; the next replays show by how much"
     if change.replaced.any():
         then += f"; joints {joint_numbers(change.replaced)} were replaced: they begin without wear"

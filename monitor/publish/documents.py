@@ -434,7 +434,7 @@ class UndoServicedRequest(Request):
     why: Why = ""
 
 
-class Work(Document):
+class Maintenance(Document):
     """Work on one joint, as it was declared, and what the replays after it have shown."""
 
     joint: Joint
@@ -454,7 +454,7 @@ class Work(Document):
     undone_why: str | None = None
 
 
-class JointFromWork(Document):
+class JointFromProduction(Document):
     """One joint, by the newest period of ordinary work."""
 
     joint: Joint
@@ -465,7 +465,7 @@ class JointFromWork(Document):
     temperature_c: Maybe = None
     learnt_at: datetime | None = Field(default=None, description="end of the last period that the judge learned from")
     learnt_from_replays: int = Field(description="observations by replays, since the arm is observed")
-    learnt_from_work: int = Field(description="observations by periods of work")
+    learnt_from_production: int = Field(description="observations by periods of work")
     reason: str = Field(default="", description="why it is not known")
 
 
@@ -477,7 +477,7 @@ class NextReplay(Document):
     why: str
 
 
-class FromWork(Document):
+class FromProduction(Document):
     """What came from the arm's ordinary work, and what from replays."""
 
     period_began_at: datetime
@@ -488,7 +488,7 @@ class FromWork(Document):
     asks: list[int] = Field(description="joints whose wear work alone has found: a replay shall confirm it")
     suspects: list[int] = Field(default=[], description="joints of which work makes wear likely: replays shall tell")
     next_replay: NextReplay
-    joints: list[JointFromWork]
+    joints: list[JointFromProduction]
 
 
 class ReplayRequest(Request):
@@ -537,7 +537,7 @@ class Answer(Document):
     done: str
     alert: Alert | None = None
     replay: int | None = None
-    work: Work | None = None
+    production: Maintenance | None = None
     inspection: dict[str, Any] | None = Field(default=None, description="the check, as an item of the document `inspection`")
     alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
     text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")

@@ -9,16 +9,16 @@ from monitor.publish.bus import Bus
 from monitor.service.bus.alert_changes import AlertChanges
 from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.live import LiveComparison
-from monitor.service.bus.production import Production
+from monitor.service.bus.production import ProductionMotion
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
-from monitor.service.maintenance.inspection import Duty
-from monitor.service.maintenance.learning import ArmHeard, nothing_learnt, situation
+from monitor.service.housekeeping.inspection import Duty
+from monitor.service.housekeeping.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.monitor import Borrow, Monitor, Replay
 from monitor.service.processes.apart import HERE, Compute
+from monitor.service.production.production import ProductionListener
 from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
-from monitor.service.work.ordinary_work import OrdinaryWork
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -43,25 +43,27 @@ class Daemon:
         requests: ReplayRequests | None = None,
         alive: Callable[[], None] = lambda: None,
         compute: Compute = HERE,
-        compute_work: Compute = HERE,
+        compute_production: Compute = HERE,
     ) -> None:
         """Open the bus. Raises BusError where an endpoint cannot be opened.
 
         now : UTC, seconds since 1970. requests : where a scheduler serves requests for a replay. alive : called often while a replay or an
-        assessment is under way. compute, compute_work : how verdicts of replays and of work are computed; the service gives processes of
-        their own.
+        assessment is under way. compute, compute_production : how verdicts of replays and of production are computed; the service gives
+        processes of their own.
         """
         self._store, self._now = store, now
         self.requests = requests
         self.state = SharedState(configuration, compute)
-        self.production = Production(configuration.assess.residual)
+        self.motion = ProductionMotion(configuration.assess.residual)
         self.bus = Bus(configuration.bus, configuration.key_prefix)
-        self.publisher = Publisher(self.bus, self.state, store, self.production, now)
+        self.publisher = Publisher(self.bus, self.state, store, self.motion, now)
         self.alerts = AlertChanges(self.state, store, self.publisher, now)
-        self.monitor = Monitor(self.state, store, self.publisher, self.production, now=now, play=play, borrow=borrow, alive=alive)
-        self.live = LiveComparison(self.state, self.publisher, self.production, requests, now)
-        self.work = (
-            OrdinaryWork(self.state, store, self.publisher, now, requests, compute=compute_work) if configuration.work.listen else None
+        self.monitor = Monitor(self.state, store, self.publisher, self.motion, now=now, play=play, borrow=borrow, alive=alive)
+        self.live = LiveComparison(self.state, self.publisher, self.motion, requests, now)
+        self.listener = (
+            ProductionListener(self.state, store, self.publisher, now, requests, compute=compute_production)
+            if configuration.production.listen
+            else None
         )
         self.duty = Duty(self.state, store, self.publisher, now)
         self.heard = ArmHeard(store, now)
@@ -97,7 +99,7 @@ class Daemon:
         known = load_state(self._store)
         self.state.take(known, self.state.sample_var(self._store, known))
         if self.state.estimator.belief is not None:
-            self.production.continue_from(self.state.estimator.belief.usage)
+            self.motion.continue_from(self.state.estimator.belief.usage)
         restored = self._store.restored
         if restored is not None:
             log.error("%s", restored.text)

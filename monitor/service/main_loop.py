@@ -9,8 +9,8 @@ from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.errors import StoreError
 from monitor.service.bus.live import ArmLink, LiveFeed
 from monitor.service.daemon import Daemon
-from monitor.service.maintenance.inspection import ErrorLink
-from monitor.service.maintenance.maintenance import Maintenance
+from monitor.service.housekeeping.inspection import ErrorLink
+from monitor.service.housekeeping.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument, status_line
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
@@ -41,7 +41,7 @@ class MainLoop:
         self._errors = errors
         self._daemon, self._link, self._workers, self._hangup = daemon, link, workers, hangup
         self._watchdog = Watchdog(workers.heartbeats)
-        self._feed = LiveFeed(daemon.live, daemon.bus, link, daemon.work, daemon.duty)
+        self._feed = LiveFeed(daemon.live, daemon.bus, link, daemon.listener, daemon.duty)
         self._health_at = self._monitor_at = 0.0  # monotonic; 0: not yet
 
     def run(self) -> None:

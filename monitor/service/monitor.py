@@ -9,13 +9,13 @@ from contextlib import closing
 from typing import Protocol
 
 from monitor.acquire.schedule.needed import Need
-from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.reasons.staleness import stale_joints
+from monitor.judge.assess import Rejected
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
-from monitor.service.bus.production import Production
+from monitor.service.bus.production import ProductionMotion
 from monitor.service.bus.publisher import Publisher
 from monitor.service.hand_over.borrowing import BorrowedWindow, program_of
 from monitor.service.hand_over.due import DueReplay
@@ -28,8 +28,8 @@ from monitor.service.history.assess_and_store import (
     keep_and_judge,
     state_after,
 )
+from monitor.service.history.maintenance import maintenance_document
 from monitor.service.history.recompute import roll_back
-from monitor.service.history.work import work_document
 from monitor.service.needed import needed
 from monitor.service.processes.apart import ComputingFailed
 from monitor.service.shared_state import SharedState
@@ -68,7 +68,7 @@ class Monitor:
         state: SharedState,
         store: Store,
         publisher: Publisher,
-        production: Production,
+        production: ProductionMotion,
         *,
         now: Callable[[], float],
         play: Replay,
@@ -371,8 +371,8 @@ class Monitor:
             self._publisher.info()
         for joint in verdict.friction:
             self._publisher.friction(joint)
-        for work in verdict.works:
-            self._publisher.work(work_document(work))
+        for act in verdict.maintenance:
+            self._publisher.act(maintenance_document(act))
         self._publisher.judgement()
         for event in entry.events:
             self._publisher.event(event)

@@ -18,7 +18,7 @@ def told(store: Store | None, belief: Belief | None, health: Health | None) -> T
     if store is None or belief is None or health is None:
         return Told(began_unix_s=None if store is None else store.ledger.began_unix_s())
     joints = tuple(-math.inf if joint.learnt_at_unix_s is None else joint.learnt_at_unix_s for joint in health.joints)
-    asks, suspects = ((), ()) if belief.ordinary_work is None else (belief.ordinary_work.asks, belief.ordinary_work.suspects)
+    asks, suspects = ((), ()) if belief.production is None else (belief.production.asks, belief.production.suspects)
     doubted = tuple(int(j) + 1 for j in np.flatnonzero(doubted_rise(belief.filter_state)))
     return Told(store.ledger.began_unix_s(), store.ledger.learnt_at_unix_s(), joints, asks, suspects, doubted)
 

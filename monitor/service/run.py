@@ -21,10 +21,10 @@ from monitor.recording import Context, Recording
 from monitor.service.daemon import Daemon
 from monitor.service.hand_over.borrowing import BorrowedWindow
 from monitor.service.hand_over.node_server import NodeServer
+from monitor.service.housekeeping.maintenance import Maintenance
+from monitor.service.housekeeping.preflight import misfit
+from monitor.service.housekeeping.uploads import Stopping, Uploads
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
-from monitor.service.maintenance.maintenance import Maintenance
-from monitor.service.maintenance.preflight import misfit
-from monitor.service.maintenance.uploads import Stopping, Uploads
 from monitor.service.monitor import Replay
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.page import page
@@ -87,7 +87,7 @@ def serve(
             heartbeats.beat("replays", WORKER_PATIENCE_S)
 
         def gathered() -> None:
-            heartbeats.beat("work", 10 * WORKER_PATIENCE_S)
+            heartbeats.beat("production", 10 * WORKER_PATIENCE_S)
 
         daemon = stack.enter_context(
             Daemon(
@@ -99,7 +99,7 @@ def serve(
                 requests=requests,
                 alive=alive,
                 compute=HERE if trial else Apart(alive),
-                compute_work=HERE if trial else Apart(gathered),
+                compute_production=HERE if trial else Apart(gathered),
             )
         )
         if configuration.metrics.listen:
@@ -265,8 +265,8 @@ def _start_threads(
         threading.Thread(target=workers.maintenance.run, args=(stopping, maintained), name="upkeep"),
         threading.Thread(target=uploads.run, args=(stopping,), name="uploads"),
     ]
-    if daemon.work is not None:
-        threads.append(threading.Thread(target=daemon.work.run, args=(stopping, gathered), name="work"))
+    if daemon.listener is not None:
+        threads.append(threading.Thread(target=daemon.listener.run, args=(stopping, gathered), name="production"))
     for thread in threads:
         thread.start()
         stack.callback(thread.join)
@@ -276,8 +276,8 @@ def _start_threads(
 def _watch(daemon: Daemon, configuration: Configuration, workers: Workers, hangup: threading.Event, stack: ExitStack) -> None:
     """Start receiving the arm's state, report that the service is ready, and run the main loop."""
     rate_hz = max(configuration.robot.listen_hz, configuration.bus.live_rate_hz)
-    if configuration.work.listen:
-        rate_hz = max(rate_hz, configuration.work.rate_hz)
+    if configuration.production.listen:
+        rate_hz = max(rate_hz, configuration.production.rate_hz)
     listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=rate_hz))
     listener.start()
     stack.callback(listener.stop)

@@ -25,11 +25,11 @@ from monitor.store.history.database import Database, Notes
 from monitor.store.history.duties import Duties
 from monitor.store.history.events import Events
 from monitor.store.history.ledger import Ledger
+from monitor.store.history.maintenance import MaintenanceLog
 from monitor.store.history.motions import Motions
-from monitor.store.history.ordinary_work import OrdinaryWork
+from monitor.store.history.production import ProductionLog
 from monitor.store.history.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
 from monitor.store.history.stops import FirstPasses, Stops
-from monitor.store.history.works import Works
 from monitor.store.retention import Retention
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
@@ -56,8 +56,8 @@ class Store:
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)
         self.changes = Changes(self.database)
-        self.works = Works(self.database)
-        self.ordinary_work = OrdinaryWork(self.database)
+        self.maintenance = MaintenanceLog(self.database)
+        self.production = ProductionLog(self.database)
         self.duties = Duties(self.database)
         self.notes = Notes(self.database)
         self.archived = Archived(self.database, self.recordings)

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from monitor.assess import AssessSettings, assess
 from monitor.errors import BadInput
+from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.drift.observation import observe
 from monitor.judge.torque.compensated_model import CompensatedModel

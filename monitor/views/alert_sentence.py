@@ -10,7 +10,7 @@ from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import around, day, since, span, utc
-from monitor.views.marks import WORK
+from monitor.views.marks import PRODUCTION
 
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
@@ -55,11 +55,11 @@ def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say:
 def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
     joint, condition, who = alert["joint"], alert["condition"], say.joint(alert["joint"])
     if alert.get("awaiting_proof") and alert.get("serviced_at"):
-        when, work = unix_s(alert["serviced_at"]), WORK.get(alert["serviced_kind"], alert["serviced_kind"])
+        when, act = unix_s(alert["serviced_at"]), PRODUCTION.get(alert["serviced_kind"], alert["serviced_kind"])
         return say.say(
             "{joint}: {work} {when}. The next replays show whether it helped.",
             joint=who,
-            work=say.say(work),
+            act=say.say(act),
             when=since(when, now_unix_s, say),
         )
     gravest = alert.get("gravest") if not alert["active"] else None  # a cleared alert says what it was about

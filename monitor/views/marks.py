@@ -5,7 +5,7 @@ from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 N_ = str  # marks a text for the catalogue
-WORK = {
+PRODUCTION = {
     "greased": N_("greased"),
     "replaced": N_("replaced"),
     "overhauled": N_("overhauled"),
@@ -37,23 +37,23 @@ def mark_text(document: Mapping[str, Any]) -> str | None:
     """What was done to the joint, of a transition that work made; None for another transition of an alert."""
     kind = document.get("serviced_kind")
     because = document.get("kind") == "serviced" or str(document.get("cleared_why") or "").startswith("serviced")
-    return WORK.get(str(kind), str(kind)) if because and kind else None
+    return PRODUCTION.get(str(kind), str(kind)) if because and kind else None
 
 
-def marks(works: Sequence[Mapping[str, Any]], contexts: Sequence[Mapping[str, Any]]) -> list[Mark]:
+def marks(maintenance: Sequence[Mapping[str, Any]], contexts: Sequence[Mapping[str, Any]]) -> list[Mark]:
     """The marks in order of time.
 
     works : on joints, as the history holds them, without those that were taken back; contexts : the ledger of the belief, with what it
     compares and when each was first seen.
     """
     found = []
-    for (at, kind), group in groupby(works, key=lambda work: (float(work["at_unix_s"]), str(work["kind"]))):
+    for (at, kind), group in groupby(maintenance, key=lambda act: (float(act["at_unix_s"]), str(act["kind"]))):
         same = list(group)
-        text, renews = WORK.get(kind, kind), [work for work in same if work.get("outcome") in RENEWS]
+        text, renews = PRODUCTION.get(kind, kind), [act for act in same if act.get("outcome") in RENEWS]
         if kind in ("maintenance", "joint_serials"):  # declared of the arm: the joints that it moved have a mark that renews them
-            found += [Mark(at, None, text, False), *(Mark(at, int(work["joint"]), text, True) for work in renews)]
+            found += [Mark(at, None, text, False), *(Mark(at, int(act["joint"]), text, True) for act in renews)]
         else:
-            found += [Mark(at, int(work["joint"]), text, work in renews) for work in same]
+            found += [Mark(at, int(act["joint"]), text, act in renews) for act in same]
     ordered = sorted(contexts, key=lambda each: float(each["opened_at_unix_s"]))
     for before, after in pairwise(ordered):
         old, new = before["context"], after["context"]

@@ -11,8 +11,8 @@ from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.band.learn_profile import learn_profile, phases, recorded_rows
 from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.settings import ReplaySettings
-from monitor.assess import assess
 from monitor.config.files import find_excitation
+from monitor.judge.assess import assess
 from monitor.model.fourier import Excitation
 from monitor.model.robot import load_robot
 from monitor.recording import Recording

@@ -64,7 +64,7 @@ def test_fifty_replays_at_125_hz_miss_at_most_one_tick_in_a_thousand_and_repeat_
 
 @pytest.mark.soak
 @pytest.mark.timeout(600)
-def test_500_hz_works_and_is_reported(soak_row):
+def test_500_hz_productions_and_is_reported(soak_row):
     """500 Hz is the e-Series' own tick and not the supported rate: no share of missed ticks is demanded, but no row is doubled."""
     recordings = list(many("127.0.7.102", "ur5e", 500.0, 5))
     found = figures(recordings)

@@ -77,7 +77,7 @@ def test_without_the_setting_every_window_needs_a_replay():
     assert need(ScheduleSettings(), LEARNT) == Need(-math.inf, "every window")
 
 
-def test_a_window_of_evidence_is_needed_whatever_work_has_told():
+def test_a_window_of_evidence_is_needed_whatever_production_has_told():
     windows = [Window(NOW, NOW, NOW + 600.0, why) for why in ("cron", "evidence")]
     assert [window.why for window in needed_windows(windows, Need(NOW + DAY, "later"))] == ["evidence"]
 

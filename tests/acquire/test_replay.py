@@ -147,7 +147,7 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
     assert children() == []
 
 
-def test_an_arm_and_what_sends_its_targets_go_before_other_work_where_the_system_permits_it(arm):
+def test_an_arm_and_what_sends_its_targets_go_before_other_production_where_the_system_permits_it(arm):
     """Neither is late because of another test, or of what else the machine does; where nothing is permitted both are as this process is."""
     child = Child(real_time.STREAMS, {})
     try:

@@ -19,8 +19,8 @@ from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
 from monitor.acquire.settings import Installation
 from monitor.design.cell import plain_cell
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, load_robot
+from monitor.reason import joint_text
 from monitor.recording import Context, Recording
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.controller.controller import Controller

@@ -12,7 +12,7 @@ from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.band.torque_band import TorqueBand
 from monitor.acquire.settings import Installation
-from monitor.assess import assess
+from monitor.judge.assess import assess
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Context, Recording

@@ -27,18 +27,18 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.acquire.safety.band.learn_profile import learn_profile, recorded_rows
     from monitor.acquire.safety.band.torque_band import TorqueBand
     from monitor.acquire.settings import Installation, ReplaySettings
-    from monitor.assess import assess
     from monitor.identify.fit.jackknife import block_steps
     from monitor.identify.fit.least_squares import Rows, factors
     from monitor.identify.fit.physically_consistent import physically_consistent
     from monitor.identify.identify import identify, identify_motions
+    from monitor.identify.production.arm import ProductionArm
+    from monitor.identify.production.estimate import estimate
+    from monitor.identify.production.gather import gather
+    from monitor.identify.production.rows import ProductionRows
+    from monitor.identify.production.settings import ProductionSettings
     from monitor.identify.signals.motion import motion
     from monitor.identify.signals.torque import joint_torque
-    from monitor.identify.work.arm import WorkArm
-    from monitor.identify.work.estimate import estimate
-    from monitor.identify.work.gather import gather
-    from monitor.identify.work.rows import WorkRows
-    from monitor.identify.work.settings import WorkSettings
+    from monitor.judge.assess import assess
     from monitor.model.base import base_parameters
     from monitor.model.regressor import felt_columns, felt_regressor, regressor
     from monitor.simulate.controller.controller import Controller
@@ -78,12 +78,12 @@ def cases() -> dict[str, Callable[[], object]]:
         guard = TorqueBand(robot, mounting, settings, Installation(), basis)
         return [guard.outside(row, 0.008 * n) for n, row in enumerate(seen)]
 
-    worker = WorkArm(robot=robot, mounting=mounting, identification=identify([recording], robot, mounting, residual_friction=True))
+    worker = ProductionArm(robot=robot, mounting=mounting, identification=identify([recording], robot, mounting, residual_friction=True))
     twice = {name: np.concatenate([value, value]) for name, value in recording.signals.items() if name != "t_s"}
-    work = WorkRows(recording=replace(recording, t_s=recording.t_s[0] + 0.008 * np.arange(2 * recording.samples), **twice))
+    production = ProductionRows(recording=replace(recording, t_s=recording.t_s[0] + 0.008 * np.arange(2 * recording.samples), **twice))
 
-    slower = work.part(slice(None, None, 5))
-    told = gather(work, worker, WorkSettings())
+    slower = production.part(slice(None, None, 5))
+    told = gather(production, worker, ProductionSettings())
     days = {(day, bin_): sums for (_, bin_), sums in told.cells.items() for day in range(7)}
     week = replace(told, cells=days)
 
@@ -97,9 +97,9 @@ def cases() -> dict[str, Callable[[], object]]:
         "identify robust": lambda: identify([recording], robot, mounting, method="robust"),
         "identify wls, friction auto": lambda: identify([recording], robot, mounting, friction="auto"),
         "physically consistent fit, from factors": lambda: physically_consistent(factored, weights, base.combination, robot),
-        "friction from work, 60 s at 125 Hz": lambda: gather(work, worker, WorkSettings()),
-        "friction from work, 60 s at 25 Hz": lambda: gather(slower, worker, WorkSettings()),
-        "a day's judgement of work, beside a week": lambda: estimate(told, worker.identification, WorkSettings(), 0.0, past=week),
+        "friction from work, 60 s at 125 Hz": lambda: gather(production, worker, ProductionSettings()),
+        "friction from work, 60 s at 25 Hz": lambda: gather(slower, worker, ProductionSettings()),
+        "a day's judgement of work, beside a week": lambda: estimate(told, worker.identification, ProductionSettings(), 0.0, past=week),
         "torque band, 1000 rows, manufacturer's parameters": lambda: band(BandBasis()),
         "torque band, 1000 rows, model and profile": lambda: band(learnt),
     }

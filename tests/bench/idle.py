@@ -32,7 +32,7 @@ ARMS = "127.0.92."  # addresses of simulated arms
 BUSES = "127.0.93."  # of the daemons
 UNIT = Path(__file__).parents[2] / "deploy" / "joint-monitor@.service"
 SETTLING_S = 12.0  # from ready until the figures are those of an idle daemon
-A_MINUTE_OF_WORK_S = 75.0  # with --work: until the first rows were gathered, and the model of the arm was made for them
+A_MINUTE_OF_PRODUCTION_S = 75.0  # with --work: until the first rows were gathered, and the model of the arm was made for them
 AT_ONCE = 4  # daemons that start side by side
 MOST_DAEMONS = 250  # addresses
 PDEATHSIG = 1  # of prctl
@@ -114,8 +114,8 @@ def _ends_with_its_parent() -> None:
 class Host:
     """Simulated arms and the daemons beside them; a context manager that ends all of them."""
 
-    def __init__(self, folder: Path, arms: int, listen_hz: float, *, work: bool) -> None:
-        self.folder, self.listen_hz, self.work = folder, listen_hz, work
+    def __init__(self, folder: Path, arms: int, listen_hz: float, *, production: bool) -> None:
+        self.folder, self.listen_hz, self.production = folder, listen_hz, production
         self.processes: list[subprocess.Popen[str]] = []
         self.daemons: list[Daemon] = []
         self.hosts = [f"{ARMS}{n + 1}" for n in range(arms)]
@@ -165,7 +165,7 @@ class Host:
             f'[robot]\nmodel = "ur5"\nsite = "bench"\nid = "{name}"\nhost = "{host}"\nlisten_hz = {self.listen_hz}\n'
             f'[store]\ndirectory = "{self.folder / name}"\n'
             f'[bus]\nlisten = ["tcp/{BUSES}{number + 1}:7447"]\nlive_rate_hz = 10.0\n'
-            f"[work]\nlisten = {str(self.work).lower()}\n"
+            f"[work]\nlisten = {str(self.production).lower()}\n"
         )
         return config
 
@@ -191,7 +191,7 @@ class Host:
 
     def measured(self, seconds: float) -> Measured:
         """What all daemons cost over so many seconds, once they idle."""
-        time.sleep(SETTLING_S + (A_MINUTE_OF_WORK_S if self.work else 0.0))
+        time.sleep(SETTLING_S + (A_MINUTE_OF_PRODUCTION_S if self.production else 0.0))
         pids = [each.process.pid for each in self.daemons]
         before, began = [core_s(pid) for pid in pids], time.monotonic()
         time.sleep(seconds)
@@ -213,7 +213,7 @@ def main() -> int:
     parser.add_argument("--arms", type=int, help="simulated arms, which all daemons share; default: one for each 25 daemons")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--listen-hz", type=float, default=10.0)
-    parser.add_argument("--work", action="store_true", help="friction is estimated from ordinary work as well: [work] listen")
+    parser.add_argument("--production", action="store_true", help="friction is estimated from ordinary work as well: [work] listen")
     parser.add_argument("--minutes", type=float, default=8.0, help="after which no further daemon is waited for")
     arguments = parser.parse_args()
     count = min(max(arguments.daemons, 2), MOST_DAEMONS)
@@ -222,7 +222,7 @@ def main() -> int:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most if most == resource.RLIM_INFINITY or most < 65_536 else 65_536, most))
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))
     arms = arguments.arms or -(-count // 25)
-    with tempfile.TemporaryDirectory() as folder, Host(Path(folder), arms, arguments.listen_hz, work=arguments.work) as host:
+    with tempfile.TemporaryDirectory() as folder, Host(Path(folder), arms, arguments.listen_hz, production=arguments.production) as host:
         free = available_mib()
         host.start(1, until)
         one = host.measured(arguments.seconds)

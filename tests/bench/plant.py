@@ -137,7 +137,7 @@ def _fill(address: str, arms: int) -> None:
     for day in range(0, DAYS, 30):
         days.put(day)
 
-    def work() -> None:
+    def production() -> None:
         with psycopg.connect(address.replace("+psycopg", ""), autocommit=True) as connection, suppress(queue.Empty):
             connection.execute("SET synchronous_commit = off")
             while True:
@@ -145,7 +145,7 @@ def _fill(address: str, arms: int) -> None:
                 connection.execute(ROWS, (BEGIN_UNIX_S, day, min(day + 29, DAYS - 1), arms))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for each in [pool.submit(work) for _ in range(os.cpu_count() or 1)]:
+        for each in [pool.submit(production) for _ in range(os.cpu_count() or 1)]:
             each.result()
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.prior import FleetPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings

@@ -35,9 +35,9 @@ sys.path += [str(Path(__file__).parents[1] / "store")]  # the tests import each 
 import numpy as np
 from pyarrow import fs
 
-from monitor.assess import AssessSettings, identified
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
+from monitor.judge.assess import AssessSettings, identified
 from monitor.model.robot import Mounting, load_robot
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.simulate.controller.controller import Controller

@@ -49,7 +49,7 @@ def test_identify_draws_its_residuals(replayed, tmp_path):
     assert "replay.parquet" in page or "simulator" in page
 
 
-def test_a_plot_that_cannot_be_written_is_refused_before_the_work(replayed, tmp_path):
+def test_a_plot_that_cannot_be_written_is_refused_before_the_production(replayed, tmp_path):
     """A wrong ending and a missing folder are refused."""
     with pytest.raises(BadInput, match=r"ends in \.png or \.html"):
         printed("identify", replayed[0], "--robot", "ur5", "--plot", tmp_path / "residuals.pdf")
@@ -251,7 +251,7 @@ def test_an_earlier_identification_with_a_wrong_value_is_refused(replayed, tmp_p
         printed("identify", replayed[0], "--robot", "ur5", "--rigid-from", tmp_path / "earlier.json")
 
 
-def test_a_target_that_is_a_folder_is_refused_before_the_work(replayed, tmp_path):
+def test_a_target_that_is_a_folder_is_refused_before_the_production(replayed, tmp_path):
     """A folder has the name of the picture, or of the arm."""
     for name, arguments in (("d.png", ("--plot",)), ("d.urdf", ("--method", "consistent", "--export"))):
         (tmp_path / name).mkdir()

@@ -58,16 +58,16 @@ def test_a_file_beside_the_variable_is_not_passed_over(cell, monkeypatch):
     assert "joint-monitor check --config other.toml" in result.stderr.replace("\n", " ")
 
 
-def test_work_on_an_arm_without_a_history_says_so_and_blames_no_daemon(cell):
+def test_production_on_an_arm_without_a_history_says_so_and_blames_no_daemon(cell):
     """Nothing was learnt, so nothing could change; a wrong date and a wrong joint are named first."""
-    work = ("serviced", "--config", cell, "--greased", "--by", "Ada", "--why", "noise")
-    never = ended(*work, "--joint", "elbow")
+    production = ("serviced", "--config", cell, "--greased", "--by", "Ada", "--why", "noise")
+    never = ended(*production, "--joint", "elbow")
     assert never.returncode == 1
     assert "no history yet" in never.stderr
     assert "nobody answers" not in never.stderr
-    late = ended(*work, "--joint", "elbow", "--at", "yesterday")
+    late = ended(*production, "--joint", "elbow", "--at", "yesterday")
     assert (late.returncode, "'yesterday': not a date" in late.stderr) == (2, True)
-    joint = ended(*work, "--joint", "9")
+    joint = ended(*production, "--joint", "9")
     assert (joint.returncode, "expected 1 to 6, or one of base" in joint.stderr) == (2, True)
 
 

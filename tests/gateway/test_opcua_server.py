@@ -88,10 +88,10 @@ def world(tmp_path_factory):
     made.server.close()
 
 
-def run(work):
+def run(production):
     """In a thread of its own: another test's browser may have an event loop that runs in this one."""
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work).result()
+        return thread.submit(asyncio.run, production).result()
 
 
 async def read(client, path, device="device/lab/cell-3"):

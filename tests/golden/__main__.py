@@ -35,16 +35,16 @@ def main() -> int:
     chosen = given.only or list(PARTS)
     print(f"the code below {entry.package_folder()}, parts {', '.join(chosen)}", flush=True)
     with tempfile.TemporaryDirectory(prefix="golden-") as scratch:
-        work = Path(scratch) / "work"
-        work.mkdir()
+        production = Path(scratch) / "production"
+        production.mkdir()
         if given.do == "write":
-            run = Run(into=folder / SET, work=work, artefacts=folder)
+            run = Run(into=folder / SET, production=production, artefacts=folder)
             for name in chosen:
                 shutil.rmtree(run.into / name, ignore_errors=True)
             _made(run, chosen)
             return 0
         artefacts = (given.keep or Path(scratch) / "found").resolve()
-        run = Run(into=artefacts / SET, work=work, artefacts=artefacts, earlier=folder, simulate=not given.stored_recordings)
+        run = Run(into=artefacts / SET, production=production, artefacts=artefacts, earlier=folder, simulate=not given.stored_recordings)
         made = _made(run, chosen)
         return 0 if compared(folder / SET, run.into, made) else 1
 

@@ -212,7 +212,7 @@ def _an_arm_at_work(record: Record, daemon: entry.Running, clock: entry.Clock, d
     for round_ in range(36):
         for row in entry.rows(recording, 125):
             clock.unix_s += 1.0
-            daemon.observe_work(recording, row, [1.0, 1.0, 1.0 if round_ < 9 else 1.6, 1.0, 1.0, 1.0])
+            daemon.observe_production(recording, row, [1.0, 1.0, 1.0 if round_ < 9 else 1.6, 1.0, 1.0, 1.0])
             record.step(daemon, f"day {day}: an arm at work, round {round_}")  # each: of a stream, what is not taken is dropped
     daemon.say_health()
     record.step(daemon, f"day {day}: what work has told")
@@ -291,7 +291,7 @@ def history(run: Run) -> bool:
     if not (run.history_of_today / "history").is_dir():
         bus(run)
     days, log = Days(run.world(WORLD.name)), list[str]()
-    home = run.work / "continued"
+    home = run.production / "continued"
     shutil.rmtree(home, ignore_errors=True)
     shutil.copytree(run.history_of_today, home)
     config = home / "arm.toml"
@@ -319,7 +319,7 @@ def history(run: Run) -> bool:
     run.put("history/log.json", log)
     _commands(run, home, "continued")
     importing = ("import", "--config", config, "--manifest", "late.csv", "--json")
-    folder = run.work / "late"
+    folder = run.production / "late"
     folder.mkdir(exist_ok=True)
     rows = ["file,recorded_at,payload_kg"]
     for replay in range(THEN, WORLD.replays):
@@ -402,9 +402,9 @@ def _watched(home: Path, at_unix_s: float, *options: str) -> str:
 
 def _commands(run: Run, home: Path, when: str) -> None:
     """Commands that read the history without a daemon."""
-    config, exported = ("--config", "arm.toml"), run.work / "exported.csv"
+    config, exported = ("--config", "arm.toml"), run.production / "exported.csv"
     figures = [",".join(map(str, values)) for values in ONE.values()]
-    page = run.work / "report.html"
+    page = run.production / "report.html"
     for name, arguments in {
         "status-json": ("status", *config, "--json"),
         "status": ("status", *config, "--why", "3"),

@@ -12,13 +12,13 @@ import numpy as np
 import zenoh
 
 import monitor
-from monitor.assess import AssessSettings, assess
 from monitor.cli import main as cli
 from monitor.config.files import find_excitation
 from monitor.config.load import load
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.identify.document import document as identification_document
 from monitor.judge.alerts.documents import alert_document
+from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.publish.metrics.metrics import MetricsServer, families
@@ -26,8 +26,8 @@ from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.bus.handlers import Handlers
 from monitor.service.daemon import Daemon
+from monitor.service.housekeeping.maintenance import Maintenance
 from monitor.service.main_loop import Workers, monitor_document
-from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.page import page
 from monitor.service.problems import Problems
@@ -212,7 +212,7 @@ class Running:
         daemon.bus.answer(Handlers(daemon.state, self.store, daemon.alerts, self.requests).by_key())
         daemon.live._requests = self.requests
 
-    def observe_work(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
+    def observe_production(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
         """One sample of the arm at work: that of a recording, with so many times the current."""
         signals = {name: values[row] for name, values in recording.signals.items()}
         current = signals["current"] * np.array(heavier)

@@ -105,23 +105,23 @@ def identify(run: Run) -> bool:
         "no-gains": (TRAINING, "--columns", COLUMNS, "--robot", "ur10e", "--json"),
     }.items():
         _identify(run, f"ur10e-{way}", *options)
-    earlier = run.work / "earlier.json"
+    earlier = run.production / "earlier.json"
     for way, suffix in {"consistent-urdf": "urdf", "consistent-toml": "toml"}.items():
-        exported = run.work / f"arm.{suffix}"
+        exported = run.production / f"arm.{suffix}"
         options = (TRAINING, *known, "--method", "consistent", "--export", str(exported), "--json")
         _identify(run, f"ur10e-{way}", *options, files=[exported])
     document = _stdout(run, "identify/ur10e-ls.json")
     earlier.write_text(document, "utf-8")
     _identify(run, "ur10e-rigid-from", SHORT, *known, "--rigid-from", str(earlier), "--json")
-    _identify(run, "ur10e-from-exported", SHORT, *known[:4], "--robot", str(run.work / "arm.toml"), "--json")
+    _identify(run, "ur10e-from-exported", SHORT, *known[:4], "--robot", str(run.production / "arm.toml"), "--json")
     energy = (TRAINING, *known, "--along", SHORT, "--limit", "hand=0.49@0.6")
     run.command("identify/energy.json", "energy", *energy, "--json", cwd=data, at_unix_s=LATER_UNIX_S)
     run.command("identify/energy-text.json", "energy", *energy, cwd=data, at_unix_s=LATER_UNIX_S)
     rows = [f"{data / name},2020-02-{day:02d}" for name, day in ((TRAINING, 12), (SHORT, 10), (LONG, 19), (LOADED, 20))]
-    runs = run.work / "runs.csv"
+    runs = run.production / "runs.csv"
     runs.write_text("file,recorded_at\n" + "\n".join(rows) + "\n", "utf-8")
     for way, more in {"json": ("--json",), "text": ()}.items():
-        run.command(f"identify/assess-{way}.json", "assess", *known, "--manifest", runs, *more, cwd=run.work, at_unix_s=LATER_UNIX_S)
+        run.command(f"identify/assess-{way}.json", "assess", *known, "--manifest", runs, *more, cwd=run.production, at_unix_s=LATER_UNIX_S)
     return True
 
 
@@ -158,17 +158,17 @@ def design(run: Run) -> bool:
         "random": ("--robot", "ur5", "--random", "4"),
         "cell": ("--robot", "ur5", "--cell", str(ROOT / "config/cell/example.toml"), "--evaluations", "150", "--objective", "scaled"),
     }.items():
-        output = run.work / f"{name}.json"
-        run.command(f"design/{name}.json", "design", *options, "-o", output, cwd=run.work, at_unix_s=LATER_UNIX_S, files=[output])
-        run.command(f"design/{name}-json.json", "design", *options, "-o", output, "--json", cwd=run.work, at_unix_s=LATER_UNIX_S)
+        output = run.production / f"{name}.json"
+        run.command(f"design/{name}.json", "design", *options, "-o", output, cwd=run.production, at_unix_s=LATER_UNIX_S, files=[output])
+        run.command(f"design/{name}-json.json", "design", *options, "-o", output, "--json", cwd=run.production, at_unix_s=LATER_UNIX_S)
     return True
 
 
 def reproduce(run: Run) -> bool:
     """The paper's campaign on one arm, with small searches: some statements do not hold then, and the same ones never do."""
     options = ("--robot", "ur3", "--replays", "2", "--evaluations", "100", "--seed", "1")
-    run.command("reproduce/json.json", "reproduce", *options, "--json", cwd=run.work, at_unix_s=LATER_UNIX_S)
-    run.command("reproduce/text.json", "reproduce", *options, cwd=run.work, at_unix_s=LATER_UNIX_S)
+    run.command("reproduce/json.json", "reproduce", *options, "--json", cwd=run.production, at_unix_s=LATER_UNIX_S)
+    run.command("reproduce/text.json", "reproduce", *options, cwd=run.production, at_unix_s=LATER_UNIX_S)
     return True
 
 
@@ -187,9 +187,9 @@ def rest(run: Run) -> bool:
     commands = "run simulate identify base energy predict watch status design alerts ack shelve schema assess rehearse check replay record"
     for command in f"{commands} allow schedule history export report reproduce import demo".split():
         run.command(f"rest/help-{command}.json", command, "--help", cwd=ROOT, at_unix_s=LATER_UNIX_S)
-    wrong = run.work / "wrong.toml"
+    wrong = run.production / "wrong.toml"
     wrong.write_text(WRONG, "utf-8")
-    run.command("rest/wrong-configuration.json", "run", "--config", wrong, cwd=run.work, at_unix_s=LATER_UNIX_S)
+    run.command("rest/wrong-configuration.json", "run", "--config", wrong, cwd=run.production, at_unix_s=LATER_UNIX_S)
     for name in ("monitor", "simulated"):
         options = ("--config", f"config/{name}.toml", "--count", "3", "--json")
         run.command(f"rest/schedule-{name}.json", "schedule", *options, cwd=ROOT, at_unix_s=LATER_UNIX_S)

@@ -28,7 +28,7 @@ class Run:
     """What one regeneration shares between its parts."""
 
     into: Path  # what is compared
-    work: Path  # scratch
+    production: Path  # scratch
     artefacts: Path  # kept for those who come later: recordings, history_of_today
     earlier: Path | None = None  # an earlier set whose history is continued; None: this one's
     simulate: bool = True  # else the recordings of the earlier set are taken
@@ -54,7 +54,7 @@ class Run:
 
     def clean(self, text: str) -> str:
         """Without what means nothing."""
-        places = {self.work: "<work>", self.artefacts: "<artefacts>", self.into: "<into>"}
+        places = {self.production: "<work>", self.artefacts: "<artefacts>", self.into: "<into>"}
         if self.earlier is not None:
             places[self.earlier] = "<artefacts>"
         if (data := data_folder()) is not None:

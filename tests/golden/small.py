@@ -29,7 +29,7 @@ SMALL = worlds.World(
     replays=CONTINUED,
     scenario={
         "room": {"mean_c": 22.0, "daily_swing_k": 2.0, "weekend_drop_k": 6.0},
-        "work": worlds.WORK,
+        "production": worlds.PRODUCTION,
         "event": [{"at_day": STEP_DAY, "do": "wear_step", "joint": 3, "coulomb_factor": 1.3, "viscous_factor": 1.2}],
     },
     declared=lambda _: {"payload_kg": 0.0},
@@ -40,8 +40,8 @@ LATER_UNIX_S = SMALL.at_unix_s(30)
 
 def run_in(folder: Path) -> Run:
     """A run whose files lie below a scratch folder, and whose commands run in this process."""
-    run = Run(into=folder / "set", work=folder / "work", artefacts=folder, here=True)
-    run.work.mkdir(parents=True)
+    run = Run(into=folder / "set", production=folder / "production", artefacts=folder, here=True)
+    run.production.mkdir(parents=True)
     return run
 
 
@@ -67,8 +67,8 @@ def designed(run: Run) -> Any:
     """A search cut short, with its proof, and a random trajectory."""
     found = {}
     for name, options in {"search": ("--seed", "3", "--evaluations", "40"), "random": ("--random", "4")}.items():
-        output = run.work / f"{name}.json"
-        document = _printed(run, "design", "--robot", "ur5", *options, "-o", output, "--json", cwd=run.work)
+        output = run.production / f"{name}.json"
+        document = _printed(run, "design", "--robot", "ur5", *options, "-o", output, "--json", cwd=run.production)
         assert document.pop("digest") == document["proof"].pop("path_digest")  # of every bit: another processor's is another
         found[name] = document
     return found
@@ -76,7 +76,7 @@ def designed(run: Run) -> Any:
 
 def continued(run: Run, archive: Path) -> Any:
     """A packed history: what it holds as it is found, and after three more replays."""
-    home = run.work / archive.name.removesuffix(".tar.gz")
+    home = run.production / archive.name.removesuffix(".tar.gz")
     unpacked(archive, home)
     shutil.copytree(_rewritten(run) / "history" / "recordings", home / "history" / "recordings", dirs_exist_ok=True)
     found = {"as found": _told(run, home)}
@@ -94,7 +94,7 @@ def continued(run: Run, archive: Path) -> Any:
 
 def recomputed(run: Run, archive: Path) -> dict[str, Any]:
     """Every verdict of the continued history once more; to be asked after `continued`."""
-    home = run.work / archive.name.removesuffix(".tar.gz")
+    home = run.production / archive.name.removesuffix(".tar.gz")
     found: dict[str, Any] = _printed(run, "assess", "--from-store", "--config", "arm.toml", "--json", cwd=home, may_end_with=(0, 3))
     return found
 

@@ -54,7 +54,7 @@ def _nothing(_: int) -> dict[str, Any]:
     return {}
 
 
-WORK = {"duty": 0.5, "days": [1, 2, 3, 4, 5, 6, 7]}
+PRODUCTION = {"duty": 0.5, "days": [1, 2, 3, 4, 5, 6, 7]}
 WORLDS = {
     world.name: world
     for world in (
@@ -67,7 +67,7 @@ WORLDS = {
             scenario={
                 "starts": datetime(2026, 1, 5, 3, tzinfo=UTC),
                 "room": {"mean_c": 22.0, "daily_swing_k": 2.0},
-                "work": WORK,
+                "production": PRODUCTION,
                 "event": [
                     {"at_day": 3.0, "do": "wear", "joint": 3, "percent_a_month": 60.0},
                     {"at_day": 12.5, "do": "payload", "kg": 2.0, "told": False},
@@ -86,7 +86,7 @@ WORLDS = {
             scenario={
                 "starts": datetime(2026, 1, 5, 3, tzinfo=UTC),
                 "room": {"mean_c": 24.0, "daily_swing_k": 3.0},
-                "work": WORK,
+                "production": PRODUCTION,
                 "event": [
                     {"at_day": 2.0, "do": "wear", "joint": 2, "percent_a_month": 90.0},
                     {"at_day": 9.5, "do": "replace_joint", "joint": 2, "friction_factor": 0.85, "serial": "2026-2"},

@@ -16,7 +16,7 @@ from monitor.recording import Array, Recording
 UR5 = load_robot("ur5")
 
 
-def worked_arm(seed: int = 1, repetitions: int = 2, **shape: float) -> Recording:
+def productioned_arm(seed: int = 1, repetitions: int = 2, **shape: float) -> Recording:
     """A UR5 on the ground that warms up by a tenth of a kelvin a minute."""
     rng = np.random.default_rng(seed)
     known = truth(UR5, seed=seed, repetitions=repetitions, **shape)

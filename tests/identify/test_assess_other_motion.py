@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from oracle_arm import GROUND, friction, recording, truth
 
-from monitor.assess import assess
 from monitor.identify.signals.same_motion import with_motions
+from monitor.judge.assess import assess
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 

@@ -13,12 +13,12 @@ from monitor.errors import BadInput
 from monitor.identify.energy import path_of_recording
 from monitor.identify.fit.felt import Felt
 from monitor.identify.identify import identify
+from monitor.identify.production.arm import ProductionArm
+from monitor.identify.production.estimate import estimate
+from monitor.identify.production.gather import gather
+from monitor.identify.production.rows import ProductionRows
+from monitor.identify.production.settings import ProductionSettings
 from monitor.identify.validate import validate
-from monitor.identify.work.arm import WorkArm
-from monitor.identify.work.estimate import estimate
-from monitor.identify.work.gather import gather
-from monitor.identify.work.rows import WorkRows
-from monitor.identify.work.settings import WorkSettings
 from monitor.model.regressor import felt_columns, felt_regressor, regressor
 from monitor.model.robot import Robot, load_robot, robot_from_document
 from monitor.model.urdf import robot_from_urdf_text, urdf_text
@@ -66,13 +66,13 @@ def test_friction_of_coupled_motors_comes_back(C, at_motors):
 
 
 @pytest.mark.parametrize("at_motors", [False, True], ids=["joints recorded", "motors recorded"])
-def test_work_of_coupled_motors_tells_the_friction_of_each_motor(at_motors):
+def test_production_of_coupled_motors_tells_the_friction_of_each_motor(at_motors):
     """Another run as if it were work: whichever positions were recorded, friction is that of the motors to 5 %."""
-    robot, settings = coupled(DIFFERENTIAL, at_motors=at_motors), WorkSettings()
+    robot, settings = coupled(DIFFERENTIAL, at_motors=at_motors), ProductionSettings()
     found = identify([played(DIFFERENTIAL, at_motors=at_motors)], robot, GROUND)
-    work = WorkRows(recording=played(DIFFERENTIAL, seed=2, at_motors=at_motors))
-    told = gather(work, WorkArm(robot=robot, mounting=GROUND, identification=found, payload_kg=0.0), settings)
-    seen = estimate(told, found, settings, work.recording.duration_s)
+    production = ProductionRows(recording=played(DIFFERENTIAL, seed=2, at_motors=at_motors))
+    told = gather(production, ProductionArm(robot=robot, mounting=GROUND, identification=found, payload_kg=0.0), settings)
+    seen = estimate(told, found, settings, production.recording.duration_s)
     assert seen.friction_nm == pytest.approx(COULOMB_NM + VISCOUS * settings.reference_speed_rad_s, rel=0.05)
 
 

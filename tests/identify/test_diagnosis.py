@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracle_arm import GROUND
-from own_physics import UR5, coupled_wrist, frozen, held, late, with_current, worked_arm
+from own_physics import UR5, coupled_wrist, frozen, held, late, productioned_arm, with_current
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
@@ -14,7 +14,7 @@ from monitor.errors import Unidentifiable
 from monitor.identify.identify import identify
 from monitor.identify.signals.motion import motion
 
-HEALTHY = worked_arm()
+HEALTHY = productioned_arm()
 
 
 def told(recording):
@@ -48,7 +48,7 @@ GROWING = np.linspace(1.0, 1.3, HEALTHY.samples)[:, None]
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_sound_recording_has_no_warning(seed):
     """Friction that no law describes, ripple, correlated noise: nothing is told."""
-    assert told(worked_arm(seed)) == {}
+    assert told(productioned_arm(seed)) == {}
 
 
 FAULTS = {

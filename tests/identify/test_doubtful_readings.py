@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_line import printed
 from oracle_arm import GROUND
-from own_physics import UR5, worked_arm
+from own_physics import UR5, productioned_arm
 
 from monitor.identify.identify import identify
 from monitor.identify.signals.motion import motion
@@ -17,7 +17,7 @@ from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.validate import validate
 from monitor.store.formats.recordings import write_recording
 
-HEALTHY = worked_arm()
+HEALTHY = productioned_arm()
 
 
 def one_joint_moves(recording, joint):
@@ -90,7 +90,7 @@ def test_accelerations_that_are_not_those_of_the_speeds_are_replaced(wrong):
 def test_a_recording_of_one_joint_can_be_held_out():
     """It would not do for a fit; a prediction says how good it is for this joint, and nothing for the others."""
     found = identify([HEALTHY], UR5, GROUND)
-    held = validate(found, one_joint_moves(worked_arm(2), 5), UR5)
+    held = validate(found, one_joint_moves(productioned_arm(2), 5), UR5)
     assert np.isfinite(held.relative_rms[5])
     assert np.all(np.isnan(held.relative_rms[:5]))
 
@@ -106,7 +106,7 @@ def test_what_is_fitted_and_what_is_held_out_is_said(tmp_path):
     """A file behind that of --validate is fitted, and a fitted file that is held out says nothing: both are told."""
     paths = [tmp_path / f"{name}.parquet" for name in ("first", "second", "third")]
     for seed, path in enumerate(paths):
-        write_recording(path, worked_arm(seed, repetitions=1))
+        write_recording(path, productioned_arm(seed, repetitions=1))
     first, second, third = paths
     document = json.loads(printed("identify", first, "--validate", second, third, "--robot", "ur5", "--json"))
     told = {warning["code"]: warning["text"] for warning in document["warnings"]}

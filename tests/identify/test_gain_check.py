@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracle_arm import GROUND
-from own_physics import UR5, with_current, worked_arm
+from own_physics import UR5, productioned_arm, with_current
 
 from monitor.config.files import find_excitation
 from monitor.identify.identify import identify
@@ -18,7 +18,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import read_recording
 
-HEALTHY = worked_arm()
+HEALTHY = productioned_arm()
 COLUMNS = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
 GAINS = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])  # another UR10e's [N·m/A]
 UNLOADED = ("ur-20_02_10-30sec_12harm.csv", "ur-20_02_12-50sec_12harm.csv", "ur-20_02_19_14harm50sec.csv")

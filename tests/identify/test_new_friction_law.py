@@ -16,10 +16,10 @@ import pytest
 from oracle_arm import GROUND, recording, truth
 from typer.testing import CliRunner
 
-from monitor.assess import judge_identification
 from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
+from monitor.judge.assess import judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.torque.compensated_model import model_from_document
 from monitor.judge.torque.predictor import predict_torque, predictor_for

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.assess import judge_identification
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
@@ -13,6 +12,7 @@ from monitor.identify.signals.motion import motion
 from monitor.identify.signals.torque import joint_torque
 from monitor.identify.validate import validate
 from monitor.judge import prediction_error
+from monitor.judge.assess import judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.torque.evaluation import measure_prediction_error
 from monitor.judge.torque.predictor import predict_torque

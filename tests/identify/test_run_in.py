@@ -36,7 +36,7 @@ def test_a_joint_that_moves_loses_its_run_in_and_rest_brings_it_back():
     assert run_in.factor == pytest.approx([1.0 + SHARE * math.exp(-1.0)] * 2 + [1.0 + SHARE])
     run_in.pass_by(4.0 * REST_S, np.zeros(3))
     assert np.all(run_in.rested > 0.98)
-    run_in.work(3600.0, 1.0)
+    run_in.production(3600.0, 1.0)
     assert np.all(run_in.rested < 0.02)
 
 
@@ -73,7 +73,7 @@ def first_pass(played: Recording) -> Recording:
     return replace(played, **{name: signal[rows] for name, signal in played.signals.items()})
 
 
-def test_replays_after_rest_and_after_work_agree_without_the_first_twenty_seconds(replays):
+def test_replays_after_rest_and_after_production_agree_without_the_first_twenty_seconds(replays):
     """One pass from the start differs by 1.8 % or more in every joint, as large as all other scatter; the third pass by 0.8 % at most."""
     rested, worked = (log_friction(first_pass(played)) for played in replays)
     assert np.all(rested - worked > 0.018)

@@ -9,13 +9,13 @@ import pytest
 from synthetic_arm import of_arm
 from test_wear_paths import DRIFT, LIFE, PROGNOSIS, worn_fleet
 
-from monitor.assess import AssessSettings
 from monitor.errors import BadInput
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
+from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.from_fleet import begin_from_fleet, noise_known
-from monitor.judge.drift.from_work import begin_work, swapped
+from monitor.judge.drift.from_production import begin_production, swapped
 from monitor.judge.drift.noise.chance import MIDDLE, inflation_of, nothing_seen
 from monitor.judge.drift.prior import BOUNDS, FleetPrior, WearPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
@@ -201,17 +201,20 @@ def test_a_young_joint_whose_noise_the_fleet_knows_needs_less_evidence():
     assert not noise_known(with_noise(prior, rho, 24.0), replace(prior, chance=None)).any()
 
 
-def test_a_joint_that_work_moves_needs_as_much_evidence_as_without_a_fleet():
+def test_a_joint_that_production_moves_needs_as_much_evidence_as_without_a_fleet():
     """The fleet has told of the noise of replays, and of none of work. A joint that work never moves keeps the lower thresholds."""
     prior = prior_from_document(json.loads(document_text()), "ur5", J, 0.4, digest="0")
-    young = begin_work(with_noise(prior, float(prior.noise_correlation.mean()), 24.0), J, DRIFT)
+    young = begin_production(with_noise(prior, float(prior.noise_correlation.mean()), 24.0), J, DRIFT)
     assert noise_known(young, prior).all(), "work has not told of anything yet"
     assert young.sources is not None
     moved = np.arange(2 * J) % J != 2
-    at_work = replace(young, sources=replace(young.sources, other_number=np.where(moved, 9.0, 0.0)))
-    for state in (at_work, swapped(replace(at_work, sources=replace(at_work.sources, other_product=0.1 * at_work.sources.other_product)))):
+    in_production = replace(young, sources=replace(young.sources, other_number=np.where(moved, 9.0, 0.0)))
+    for state in (
+        in_production,
+        swapped(replace(in_production, sources=replace(in_production.sources, other_product=0.1 * in_production.sources.other_product))),
+    ):
         assert not noise_known(state, prior)[moved].any()
-    assert noise_known(at_work, prior)[~moved] == pytest.approx(ARMS / (ARMS + 4.0))
+    assert noise_known(in_production, prior)[~moved] == pytest.approx(ARMS / (ARMS + 4.0))
 
 
 @pytest.mark.soak

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 from synthetic_arm import Arm, History
 
-from monitor.assess import assess
 from monitor.config.files import find_excitation
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.prediction_error import FIT_REPLAYS, MAX_RATIO, PredictionError, PredictionErrorStatistics, rms, update

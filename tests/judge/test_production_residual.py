@@ -9,14 +9,14 @@ import pytest
 
 from monitor.judge.drift.usage import no_usage
 from monitor.judge.torque.predictor import TorquePrediction
-from monitor.judge.torque.production_residual import ResidualSettings, WorkSample, earlier_replay_reason, production_evidence, update
-from monitor.service.bus.production import Production, Sample
+from monitor.judge.torque.production_residual import ProductionSample, ResidualSettings, earlier_replay_reason, production_evidence, update
+from monitor.service.bus.production import ProductionMotion, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
 J = 6
 
 
-def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0.0, seed: int = 0, settings=SETTINGS):
+def in_production(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0.0, seed: int = 0, settings=SETTINGS):
     """Residuals after so many spans of work at 5 Hz, with unknown loads as noise of 10 N·m on 8 N·m of friction.
 
     rise : (J,) of friction, as a fraction; bias : error of all joints, as a fraction of friction.
@@ -30,15 +30,15 @@ def at_work(rise, *, spans: int, so_far=None, revision: int = 1, bias: float = 0
             (rigid + friction)[None], rigid[None], friction[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
         )
         measured = rigid + friction * (1.0 + rise + bias) + 10.0 * rng.normal(size=J)
-        so_far = update(so_far, revision, predicted, WorkSample(measured, qd, np.zeros(J), 0.2), settings)
+        so_far = update(so_far, revision, predicted, ProductionSample(measured, qd, np.zeros(J), 0.2), settings)
     return so_far
 
 
 def test_a_joint_whose_friction_rose_asks_for_an_earlier_replay():
     """Joint 3 rises by 50 % after the baseline, and the work has a bias of 10 % in all joints: joint 3 alone is named."""
-    before = at_work(0.0, spans=3, bias=0.1)
+    before = in_production(0.0, spans=3, bias=0.1)
     assert earlier_replay_reason(before, SETTINGS) is None
-    after = at_work(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
+    after = in_production(np.array([0, 0, 0.5, 0, 0, 0]), spans=4, so_far=before, bias=0.1, seed=1)
     why = earlier_replay_reason(after, SETTINGS)
     assert why is not None
     assert why.startswith("Elbow (joint 3): at work, friction is +4")
@@ -47,16 +47,16 @@ def test_a_joint_whose_friction_rose_asks_for_an_earlier_replay():
     assert all(abs(found[j].change) < 2 * found[j].std for j in (1, 2, 4, 5, 6))
 
 
-def test_the_standard_deviation_keeps_the_bias_of_other_work():
+def test_the_standard_deviation_keeps_the_bias_of_other_production():
     """After many observations it is still above 5 % of friction; that of one observation is 8 %."""
-    long = at_work(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
+    long = in_production(0.0, spans=40, settings=ResidualSettings(span_s=20.0, min_samples=50))
     assert min(each.std for each in production_evidence(long, SETTINGS)) > 0.05
 
 
 def test_a_new_model_begins_anew_and_unsuitable_samples_do_not_count():
     """Samples that are slow, strongly accelerated, extrapolated or without a measurement."""
-    heard_before = at_work(0.5, spans=5)
-    assert at_work(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
+    heard_before = in_production(0.5, spans=5)
+    assert in_production(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
     predicted = TorquePrediction(
         np.ones((1, J)), np.zeros((1, J)), np.ones((1, J)), np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
     )
@@ -68,13 +68,13 @@ def test_a_new_model_begins_anew_and_unsuitable_samples_do_not_count():
         (*fit, True),
     ):
         odd = predicted._replace(extrapolated=np.full((1, J), extrapolated))
-        assert update(None, 1, odd, WorkSample(measured, qd, qdd, 0.2), SETTINGS).samples.max() == 0
-    assert update(None, 1, predicted, WorkSample(*fit, 0.2), SETTINGS).samples.min() == 1
+        assert update(None, 1, odd, ProductionSample(measured, qd, qdd, 0.2), SETTINGS).samples.max() == 0
+    assert update(None, 1, predicted, ProductionSample(*fit, 0.2), SETTINGS).samples.min() == 1
 
 
 def test_revolutions_are_counted_while_the_arm_is_observed():
     """2π rad/s for 100 s is 100 revolutions. A long gap counts as the observed time does; too little observed time gives no count."""
-    production = Production(SETTINGS)
+    production = ProductionMotion(SETTINGS)
     assert production.revolutions(0.0) is None
     for k in range(101):
         production.moved(float(k), np.full(J, 2.0 * np.pi))
@@ -89,7 +89,7 @@ def test_revolutions_are_counted_while_the_arm_is_observed():
 
 def test_an_earlier_replay_is_asked_for_once_a_model():
     """The next request comes only after the replay, with its new model."""
-    production = Production(SETTINGS)
+    production = ProductionMotion(SETTINGS)
     rng, model = np.random.default_rng(2), SimpleNamespace(revision=4)
     asked = []
     for k in range(3000):
@@ -118,7 +118,7 @@ class Interrupting(np.ndarray):
 
 def test_a_count_that_is_taken_during_a_sample_contains_each_turn_once():
     """The thread of the replay asks while the listener adds. Without a lock the listener would count the taken turns again."""
-    production, taken = Production(SETTINGS), []
+    production, taken = ProductionMotion(SETTINGS), []
     replay = threading.Thread(target=lambda: taken.append(production.revolutions(100.0)))
 
     def ask():
@@ -137,18 +137,18 @@ def test_a_count_that_is_taken_during_a_sample_contains_each_turn_once():
 def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
     """After a reload that changes [residual] the observations begin anew; after other reloads they continue."""
     short = replace(SETTINGS, span_s=60.0, min_samples=10)
-    production, model = Production(short), SimpleNamespace(revision=1)
+    production, model = ProductionMotion(short), SimpleNamespace(revision=1)
     qd = np.full(J, 0.5)
     predicted = TorquePrediction(qd[None], 0 * qd[None], qd[None], np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J)))
 
-    def work():
+    def a_while():
         for k in range(400):
             production.worked(model, predicted, Sample(float(k), qd, 0 * qd, 1.2 * qd), 1.0)
         return [each.looks for each in production.evidence()]
 
-    assert work() == [400 // 60 - short.baseline_looks] * J
+    assert a_while() == [400 // 60 - short.baseline_looks] * J
     production.use(replace(short))
     assert production.evidence() != ()
     production.use(replace(short, rise=0.2))
     assert production.evidence() == ()
-    assert work() == [400 // 60 - short.baseline_looks] * J
+    assert a_while() == [400 // 60 - short.baseline_looks] * J

@@ -24,7 +24,7 @@ from monitor.judge.drift.update.change_detection import (
     MOST_A_DAY,
     NOISY_STD,
     OF_FREQUENT,
-    OF_WORK,
+    OF_PRODUCTION,
     OLD_REPLAYS,
     RATE_REPLAYS,
     JointNoise,
@@ -85,29 +85,29 @@ def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
     assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
-def needed(age, *, noise=0.02, known=0.0, interval_days=1.0, beside_work=False, drift=DRIFT):
+def needed(age, *, noise=0.02, known=0.0, interval_days=1.0, beside_production=False, drift=DRIFT):
     """(2,) the thresholds of a step and of a rate of an age, in a joint of so much noise."""
     of_joint = JointNoise(*np.array([[known], [noise**2], [interval_days]]))
-    return thresholds(np.full((1, 1), age), drift, of_joint, beside_work=beside_work)[0, :, 0]
+    return thresholds(np.full((1, 1), age), drift, of_joint, beside_production=beside_production)[0, :, 0]
 
 
 @given(st.floats(1.0, 300.0), st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.booleans())
-def test_an_older_change_never_needs_more_evidence(age, other, known, noise, beside_work):
+def test_an_older_change_never_needs_more_evidence(age, other, known, noise, beside_production):
     """Thresholds fall with age; that of a rate is never above that of a step of its age, as far as the joint's noise does not lower it."""
-    of = partial(needed, known=known, beside_work=beside_work)
+    of = partial(needed, known=known, beside_production=beside_production)
     young, old = (of(each, noise=noise) for each in sorted((age, other)))
     assert np.all(old <= young + 1e-12)
     assert old[1] <= of(max(age, other))[0] + 1e-12
 
 
 @given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.booleans())
-def test_noise_lowers_the_evidence_of_old_steps_alone(age, known, noise, beside_work):
+def test_noise_lowers_the_evidence_of_old_steps_alone(age, known, noise, beside_production):
     """From 28 replays on, between a noise of 2.8 % and one of 5.4 %; not beside work, nor that of a rate."""
-    of = partial(needed, age, known=known, beside_work=beside_work)
+    of = partial(needed, age, known=known, beside_production=beside_production)
     usual, noisy = of(), of(noise=noise)
     assert noisy[1] == usual[1]
     assert noisy[0] <= usual[0]
-    lowered = age >= LONG and NOISY_STD[0] < noise < NOISY_STD[1] and known < 1.0 and not beside_work
+    lowered = age >= LONG and NOISY_STD[0] < noise < NOISY_STD[1] and known < 1.0 and not beside_production
     assert lowered or noisy[0] == usual[0]
 
 
@@ -118,13 +118,13 @@ def test_an_old_step_in_a_noisy_joint_needs_less_evidence():
 
 
 @given(st.floats(1.0, 300.0), st.floats(1e-3, 30.0), st.floats(0.0, 0.5), st.booleans())
-def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, beside_work):
+def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, beside_production):
     """By 3·ln of their number a day, up to four; replays once a day and more rarely, and those beside work, need what they did."""
     daily, of = (
-        needed(age, noise=noise, beside_work=beside_work),
-        needed(age, noise=noise, interval_days=interval_days, beside_work=beside_work),
+        needed(age, noise=noise, beside_production=beside_production),
+        needed(age, noise=noise, interval_days=interval_days, beside_production=beside_production),
     )
-    a_day = 1.0 if beside_work else np.clip(1.0 / interval_days, 1.0, MOST_A_DAY)
+    a_day = 1.0 if beside_production else np.clip(1.0 / interval_days, 1.0, MOST_A_DAY)
     assert of == pytest.approx(daily + OF_FREQUENT * np.log(a_day))
     if interval_days >= 1.0:
         assert np.array_equal(of, daily)
@@ -144,8 +144,8 @@ def test_chance_finds_no_more_in_a_year_of_four_replays_a_day(monkeypatch):
 @given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))
 def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known, noise):
     """Thresholds of 20 σ: of a kind that is off, no candidate of any age is found."""
-    for beside_work in (False, True):
-        of = partial(needed, age, noise=noise, known=known, beside_work=beside_work)
+    for beside_production in (False, True):
+        of = partial(needed, age, noise=noise, known=known, beside_production=beside_production)
         as_set, no_steps, no_rates = of(), of(drift=replace(DRIFT, shift_sigma=20.0)), of(drift=replace(DRIFT, pace_sigma=20.0))
         assert no_steps[0] > 300.0
         assert no_rates[0] == as_set[0]
@@ -160,7 +160,7 @@ def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     assert of_step[:3] == pytest.approx(of_rate[:3])
     assert of_step[3] > of_rate[3]
     assert np.sqrt(of_step) == pytest.approx([4.54, 4.30, 4.14, 3.97], abs=0.01)
-    assert needed(20.0, beside_work=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_WORK)
+    assert needed(20.0, beside_production=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_PRODUCTION)
 
 
 def test_a_step_in_a_noisy_joint_is_found_sooner_than_by_the_threshold_of_a_usual_one(monkeypatch):

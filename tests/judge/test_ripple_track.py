@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, DAY_S, Arm, fresh
 
-from monitor.assess import judge_identification
 from monitor.identify.signals.ripple import Ripple
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.assess import judge_identification
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple, update_ripple
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.learn_work import assess_work
+from monitor.judge.learn_production import assess_production
+from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.judge.work_observation import WorkObservation
 from monitor.publish.documents import Friction
 
 CYCLES = np.tile([101.0, 202.0, 404.0], (6, 1))
@@ -85,21 +85,21 @@ def test_ripple_is_published_stored_and_continued():
     assert published.replays == [3, 0, 0]
 
 
-def test_the_track_walks_from_replay_to_replay_whatever_work_told_between():
+def test_the_track_walks_from_replay_to_replay_whatever_production_told_between():
     """Thirty days without a replay make it as unsure with a period of work just before the next one as without."""
     belief = None
     for day in range(5):
         belief = (known := judged(belief, day, 0.030)).belief
     at, torque, unknown = (100 + 34) * DAY_S - 7200.0, belief.reference_torque_nm(DriftSettings())[0], np.full(6, np.nan)
-    seen = WorkObservation(
+    seen = ProductionObservation(
         begin_unix_s=at - 3600.0, end_unix_s=at, reference_speed_rad_s=0.4, friction_nm=torque, deviation_nm=0.05 * torque,
         noise_nm=0.005 * torque, temperature_c=np.full(6, 25.0), share=unknown, known=np.ones(6),
     )  # fmt: skip
     settings = {"settings": DriftSettings(), "laws": TemperatureSettings(), "limits": HealthSettings()}
-    told = assess_work(seen, CONTEXT, belief=belief, health=known.health, **settings).belief
+    told = assess_production(seen, CONTEXT, belief=belief, health=known.health, **settings).belief
     assert told.at_unix_s == at
-    alone, after_work = (judged(each, 34, 0.030).belief.ripple for each in (belief, told))
-    assert after_work.track_var[:, 0] == pytest.approx(alone.track_var[:, 0], rel=1e-6)
+    alone, after_production = (judged(each, 34, 0.030).belief.ripple for each in (belief, told))
+    assert after_production.track_var[:, 0] == pytest.approx(alone.track_var[:, 0], rel=1e-6)
 
 
 def test_a_threefold_ripple_raises_no_alert():

@@ -17,7 +17,7 @@ from monitor.judge.alerts.rules import judge
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
-from monitor.judge.drift.from_work import begin_work
+from monitor.judge.drift.from_production import begin_production
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin
 from monitor.judge.temperature.laws import TemperatureSettings
@@ -245,7 +245,7 @@ def with_rise(sigmas: float, *, found: bool, excess: float = 0.03) -> Belief:
     found : whether the rise was found as a change.
     """
     belief = belief_on(40, {3: excess}, std=np.log1p(excess) / sigmas)
-    state = begin_work(belief.filter_state, 6, DriftSettings())
+    state = begin_production(belief.filter_state, 6, DriftSettings())
     of_joint = np.arange(6) == 2
     sources = replace(state.sources, risen=np.where(of_joint, float(found), 0.0))
     return replace(belief, filter_state=replace(state, sources=sources, agreeing=np.where(of_joint, 40.0, 1.0)))

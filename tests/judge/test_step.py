@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, Arm, History, weather
 
-from monitor.assess import AssessSettings
 from monitor.identify.warnings import DataWarning
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift import step
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.observation import Observation
@@ -60,9 +60,9 @@ def time_stands_still(sound, state, days, revolutions, drift):
 
 
 @damaged(step, "update_usage")
-def every_day_is_two_days_of_work(sound, *args):
-    work = sound(*args)
-    return work._replace(usual_days=2.0 * work.usual_days)
+def every_day_is_two_days_of_production(sound, *args):
+    production = sound(*args)
+    return production._replace(usual_days=2.0 * production.usual_days)
 
 
 @damaged(step, "rescale_rate")
@@ -147,8 +147,8 @@ def verdict() -> str:
         seen = arm.replay(weather(day, rng) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
         if day == 8:
             seen = replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),))
-        worked = 4000.0 * (day - day // 7)
-        history.add(day, seen, replace(CONTEXT, revolutions=(worked,) * 6, payload_kg=2.0 if day in {15, 16} else 0.0))
+        awaiting_proof = 4000.0 * (day - day // 7)
+        history.add(day, seen, replace(CONTEXT, revolutions=(awaiting_proof,) * 6, payload_kg=2.0 if day in {15, 16} else 0.0))
     last = history.last
     return json.dumps([history.transitions, last.as_document(), last.belief.as_document(), last.health.as_document()])
 

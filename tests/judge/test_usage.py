@@ -18,7 +18,7 @@ J = 6
 
 
 @given(daily=st.floats(10.0, 1e5), days=st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
-def test_equal_work_on_every_day_is_one_usual_day_per_day(daily, days):
+def test_equal_production_on_every_day_is_one_usual_day_per_day(daily, days):
     """This holds for every interval between replays."""
     usage, count = update_usage(no_usage(1), np.array([0.0]), np.array([0.0])).usage, 0.0
     for span in days:
@@ -29,7 +29,7 @@ def test_equal_work_on_every_day_is_one_usual_day_per_day(daily, days):
         assert usage.per_day[0] == pytest.approx(daily)
 
 
-def test_a_counter_that_is_missing_or_ran_backwards_means_usual_work():
+def test_a_counter_that_is_missing_or_ran_backwards_means_usual_production():
     """Counting continues from its new value."""
     usage = update_usage(no_usage(1), np.array([1000.0]), np.array([0.0])).usage
     usage = update_usage(usage, np.array([2000.0]), np.array([1.0])).usage
@@ -45,9 +45,9 @@ def wearing(*, count: bool) -> History:
     """0.3 % a day of work, on five days of seven; then six weeks of holidays and a replay."""
     history, revolutions, wear = History(), 0.0, 0.0
     for day in range(120):
-        works = day % 7 < 5 and day < 78
-        revolutions += 4000.0 * works
-        wear += 0.003 * works * (day >= 20)
+        maintenance = day % 7 < 5 and day < 78
+        revolutions += 4000.0 * maintenance
+        wear += 0.003 * maintenance * (day >= 20)
         if day < 78 or day == 119:
             context = replace(CONTEXT, revolutions=(revolutions,) * J if count else None)
             history.add(day, Arm(seed=day, noise=0.008).replay(30.0, np.array([0, wear, 0, 0, 0, 0])), context)

@@ -11,7 +11,7 @@ from test_noise import DRIFT, LAWS, J, correlated, lived
 
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import unknown_joint
-from monitor.judge.drift.from_work import begin_work, swapped
+from monitor.judge.drift.from_production import begin_production, swapped
 from monitor.judge.drift.noise.volatility import LEAST, Volatility, steady
 from monitor.judge.learn import begin, learn
 from monitor.recording import Array
@@ -109,17 +109,17 @@ def test_a_joint_that_is_noisier_for_good_does_not_make_its_arm_volatile() -> No
     assert np.all(after_all(squares(noise)).coefficient(J) < 0.2)
 
 
-def test_work_and_replays_have_each_its_own_volatility() -> None:
+def test_production_and_replays_have_each_its_own_volatility() -> None:
     """Replays are judged as before once work was observed; work begins with nothing seen."""
     rng, joints = np.random.default_rng(15), 4 * J
     state, _ = lived(swelling(rng, 200, joints) * correlated(rng, 200, joints, std=0.02, rho=0.5))
     replays = state.filter_state
     assert np.any(replays.volatility.factor(J) != 1.0)
-    both = begin_work(replays, J, DRIFT)
+    both = begin_production(replays, J, DRIFT)
     assert np.array_equal(both.noise_var(J, DRIFT), replays.noise_var(J, DRIFT))
-    work = swapped(both)
-    assert np.all(work.volatility.factor(J) == 1.0)
-    again = swapped(work).volatility
+    production = swapped(both)
+    assert np.all(production.volatility.factor(J) == 1.0)
+    again = swapped(production).volatility
     assert all(np.array_equal(getattr(again, name), getattr(replays.volatility, name)) for name in Volatility.__dataclass_fields__)
 
 

@@ -20,11 +20,11 @@ from monitor.judge.drift.wear_history import (
     BLOCKS,
     COUNT,
     FULL,
-    WORK_AGE,
+    PRODUCTION_AGE,
     add_replay,
     age_history,
     empty_history,
-    rescale_work,
+    rescale_production,
     settle_slot,
 )
 from monitor.judge.temperature.laws import TemperatureSettings
@@ -155,21 +155,21 @@ def test_blocks_keep_every_replay_in_the_order_of_age(replays, seed):
     count = history[0, :, COUNT]
     assert count.sum() == replays
     assert history[0, :, AGE].sum() == pytest.approx(ages.sum())
-    assert history[0, :, WORK_AGE].sum() == pytest.approx(0.5 * ages.sum())
+    assert history[0, :, PRODUCTION_AGE].sum() == pytest.approx(0.5 * ages.sum())
     assert history[0, :, -1].sum() == pytest.approx(sums, abs=1e-9)
     used = count > 0
     assert np.all(np.diff(history[0, used, AGE] / count[used]) > 0)
     assert used.sum() <= min(BLOCKS, replays // FULL + 1)
 
 
-def test_another_measure_of_work_and_another_context_keep_what_was_seen():
+def test_another_measure_of_production_and_another_context_keep_what_was_seen():
     """Twice the work in a usual day makes the past half as many usual days; a slot that is taken keeps its old level in the sums."""
     history = empty_history(1, SLOTS)
     row = np.zeros((1, 3 + SLOTS))
     row[0, 3] = 1.0
     for _ in range(3):
         history = age_history(add_replay(history, row, np.array([2.1]), np.array([True])), np.ones(1), np.ones(1))
-    assert rescale_work(history, np.array([2.0]))[0, 0, WORK_AGE] == pytest.approx(0.5 * history[0, 0, WORK_AGE])
+    assert rescale_production(history, np.array([2.0]))[0, 0, PRODUCTION_AGE] == pytest.approx(0.5 * history[0, 0, PRODUCTION_AGE])
     settled = settle_slot(history, np.zeros(1, dtype=int), np.array([2.0]), np.array([True]))
     assert settled[0, 0, -1] == pytest.approx(3 * 0.1)
     assert np.all(settled[0, :, 6 : 6 + SLOTS] == 0)
@@ -188,11 +188,11 @@ def test_a_state_without_a_history_goes_on_along_a_straight_line():
     assert wear_paths(replace(joints, history=empty_history(state.joints, SLOTS)), 1, 0, state.joints_per_arm, DRIFT) is None
 
 
-def test_a_joint_that_did_not_work_has_no_path():
+def test_a_joint_that_did_not_production_has_no_path():
     """Replays of one hour, or of a joint without work: nothing is divided by no work, and the path is straight."""
     state, _ = worn_fleet("straight", 2, 0.5)
     idle = state.filter_state.history.copy()
-    idle[:, :, WORK_AGE] = 0.0
+    idle[:, :, PRODUCTION_AGE] = 0.0
     assert wear_paths(replace(state.filter_state, history=idle), 1, 0, state.joints_per_arm, DRIFT) is None
     life = remaining_life_of_joint(replace(state, filter_state=replace(state.filter_state, history=idle)), 1, DRIFT, PROGNOSIS)
     assert (life.verdict, life.path, life.accelerating_probability) == ("trend", "straight", None)

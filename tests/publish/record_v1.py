@@ -18,8 +18,8 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
+from monitor.service.housekeeping.maintenance import Maintenance
 from monitor.service.main_loop import Workers, monitor_document
-from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader

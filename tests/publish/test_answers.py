@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.assess import assess
 from monitor.config.files import find_excitation
 from monitor.errors import BadInput
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.torque_query import torque_answer

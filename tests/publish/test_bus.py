@@ -83,7 +83,7 @@ def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
             assert time.monotonic() - began < 4.0  # answered, not timed out
 
 
-def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_works(bus):
+def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_productions(bus):
     """After an exception in an answer, the client does not wait and the queryable still answers."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:

@@ -27,8 +27,8 @@ from monitor.publish.session import session_config
 from monitor.service.bus.handlers import Handlers
 from monitor.service.bus.info import digest
 from monitor.service.daemon import Daemon
+from monitor.service.housekeeping.maintenance import Maintenance
 from monitor.service.main_loop import MainLoop, Workers
-from monitor.service.maintenance.maintenance import Maintenance
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.reload import Reloader
@@ -476,7 +476,7 @@ def test_the_production_residual_is_published_with_health(cell, monkeypatch: pyt
     one = np.array([1.0, 0, 0, 0, 0, 0])
     residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
     settings = daemon.state.configuration.assess.residual
-    monkeypatch.setattr(daemon.production, "evidence", lambda: production_evidence(residuals, settings))
+    monkeypatch.setattr(daemon.motion, "evidence", lambda: production_evidence(residuals, settings))
     daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production

@@ -48,7 +48,7 @@ def test_a_replaced_joint_is_declared_on_the_bus_and_everybody_hears_of_it(cell,
     daemon, store, arm, _ = cell
     raise_alert(daemon, daemon.alerts._now())
     answer = client.serviced(3, "replaced", by="Ada", why="gearbox noisy")
-    assert answer.work.outcome == "new_joint"
+    assert answer.act.outcome == "new_joint"
     assert any("learnt anew" in sentence for sentence in answer.text)
     assert any(sentence.startswith("j3/wear_rising (wear, at its gravest +6.0%): cleared, serviced") for sentence in answer.text)
     assert not client.alerts()
@@ -56,12 +56,12 @@ def test_a_replaced_joint_is_declared_on_the_bus_and_everybody_hears_of_it(cell,
     assert (alert.serviced_kind, alert.serviced_by, alert.gravest.tier) == ("replaced", "Ada", "wear")
     last = client.events().events[-1]
     assert (last.kind, last.by, last.why) == ("cleared", "Ada", "gearbox noisy")
-    [message] = client.get("joint/3/work")
-    jsonschema.validate(message.document, schema("work"))
+    [message] = client.get("joint/3/maintenance")
+    jsonschema.validate(message.document, schema("maintenance"))
     assert client.health().joints[2].state == "NORMAL"
     row = client.friction()[2]
     assert (row.wear, row.reference_torque_nm, row.remaining_life.p50_days) == (0.0, None, None), "the old joint's"
-    assert store.assessments.state().belief["works"][0]["kind"] == "replaced"
+    assert store.assessments.state().belief["maintenance"][0]["kind"] == "replaced"
     later(daemon, arm, 2)
     assert recompute(store)["identical"] == 5
 
@@ -71,25 +71,25 @@ def test_a_greased_joint_waits_for_its_proof(cell, client):  # noqa: F811
     daemon, store, arm, _ = cell
     raise_alert(daemon, daemon.alerts._now())
     answer = client.serviced(3, "greased", by="Ada", why="200 h service", at="2026-01-07")
-    assert answer.work.outcome is None
+    assert answer.act.outcome is None
     [alert] = client.alerts()
     assert alert.awaiting_proof
     told = status_document(daemon.state.configuration, arm.clock_unix_s)
     assert [each["awaiting_proof"] for each in told["health"]["alerts"] if each["active"]] == [True]
-    assert told["works"][0]["text"].startswith("Elbow (joint 3) was greased on 2026-01-07 (Ada: 200 h service)")
+    assert told["maintenance"][0]["text"].startswith("Elbow (joint 3) was greased on 2026-01-07 (Ada: 200 h service)")
     assert client.health().joints[2].state == "CHECK_FUNCTION"
     assert client.health().state == "CHECK_FUNCTION"
     later(daemon, arm, 4)
-    [row] = store.works.rows()
+    [row] = store.maintenance.rows()
     assert row.document["outcome"] == "new_reference"
     assert not client.alerts()
     assert recompute(store)["identical"] == 7
     document = report(daemon.state.configuration, store, None, None, arm.clock_unix_s)
-    [work] = document["works"]
-    assert (work["kind"], work["outcome"], work["at"]) == ("greased", "new_reference", "2026-01-07T00:00:00Z")
+    [act] = document["maintenance"]
+    assert (act["kind"], act["outcome"], act["at"]) == ("greased", "new_reference", "2026-01-07T00:00:00Z")
 
 
-def test_declared_work_can_be_taken_back_also_after_replays(cell, client):  # noqa: F811
+def test_declared_production_can_be_taken_back_also_after_replays(cell, client):  # noqa: F811
     """The alert is active again, and the state is to the bit that of a history without the declaration."""
     daemon, store, arm, _ = cell
     raise_alert(daemon, daemon.alerts._now())
@@ -120,11 +120,11 @@ def test_declared_work_can_be_taken_back_also_after_replays(cell, client):  # no
         ({"joint": 3, "kind": "greased", "at": "yesterday"}, "not a date"),
     ],
 )
-def test_work_that_does_not_fit_the_arm_is_refused_with_the_reason(cell, client, request_, says):  # noqa: F811
+def test_production_that_does_not_fit_the_arm_is_refused_with_the_reason(cell, client, request_, says):  # noqa: F811
     """Nothing is changed by it."""
     with pytest.raises(BadInput, match=says):
         client.serviced(**request_, by="Ada", why="x")
-    assert not cell[1].works.rows()
+    assert not cell[1].maintenance.rows()
 
 
 def test_the_command_asks_a_running_daemon_by_the_joints_number_or_name(cell, shell):  # noqa: F811
@@ -143,7 +143,7 @@ def test_the_command_asks_a_running_daemon_by_the_joints_number_or_name(cell, sh
         shell("serviced", "--joint", "3", "--by", "Ada", "--why", "x")
 
 
-def test_work_declared_while_no_daemon_runs_is_published_by_the_next_one(tmp_path, shell_of, free_port, recording):  # noqa: F811
+def test_production_declared_while_no_daemon_runs_is_published_by_the_next_one(tmp_path, shell_of, free_port, recording):  # noqa: F811
     """The transition waits in the history as unpublished; the joint is a new one for the next replay."""
     said = shell_of(tmp_path, free_port, "serviced", "--joint", "wrist 1", "--replaced", "--by", "Ada", "--why", "brake")
     assert "Wrist 1 (joint 4) was replaced" in said
@@ -155,7 +155,7 @@ def test_work_declared_while_no_daemon_runs_is_published_by_the_next_one(tmp_pat
     ):
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
         assert daemon.state.estimator.belief.filter_state.replays.tolist() == [4, 4, 4, 1, 4, 4]
-        assert [row.document["outcome"] for row in store.works.rows()] == ["new_joint"]
+        assert [row.document["outcome"] for row in store.maintenance.rows()] == ["new_joint"]
 
 
 def test_a_check_is_recorded_on_the_bus_and_everybody_hears_of_it(cell, client):  # noqa: F811

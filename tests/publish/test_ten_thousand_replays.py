@@ -17,7 +17,7 @@ from synthetic_arm import CONTEXT, START_S
 from synthetic_arm import Arm as Laws
 from test_daemon_on_the_bus import settled
 
-import monitor.assess
+import monitor.judge.assess
 from monitor.model.robot import load_robot
 from monitor.publish.session import session_config
 from monitor.recording import Recording
@@ -74,7 +74,7 @@ def test_ten_thousand_replays_do_not_grow_memory(tmp_path: Path, free_port: int,
     def count(_: zenoh.Sample) -> None:
         received[0] += 1
 
-    monkeypatch.setattr(monitor.assess, "identify", identified)
+    monkeypatch.setattr(monitor.judge.assess, "identify", identified)
     memory, sizes, states = [], [], []
     with (
         Store.open(tmp_path / "history") as store,

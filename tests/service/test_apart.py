@@ -49,7 +49,7 @@ def of(folder: Path, port: int = 7447):
 
 def documents(verdict: Verdict) -> str:
     parts = verdict.document, verdict.belief.as_document(), verdict.health.as_document(), verdict.model.as_document()
-    return json.dumps(plain((*parts, verdict.friction, verdict.temperature_c, verdict.sample_var, verdict.works)), default=repr)
+    return json.dumps(plain((*parts, verdict.friction, verdict.temperature_c, verdict.sample_var, verdict.maintenance)), default=repr)
 
 
 def test_a_process_of_its_own_gives_the_same_verdict_to_the_last_bit(tmp_path: Path, recording: Recording):

@@ -20,8 +20,8 @@ from monitor.errors import StoreError
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, assess_stored, load_state, state_after
 from monitor.service.history.recompute import recompute
-from monitor.service.maintenance.preflight import service_conditions
-from monitor.service.maintenance.uploads import Uploads
+from monitor.service.housekeeping.preflight import service_conditions
+from monitor.service.housekeeping.uploads import Uploads
 from monitor.service.problems import Problems
 from monitor.service.replay.motion import check_conditions
 from monitor.simulate.controller.controller import Controller

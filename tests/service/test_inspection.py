@@ -28,7 +28,7 @@ from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.history.inspection import declare, inspection_document
-from monitor.service.maintenance.inspection import Duty
+from monitor.service.housekeeping.inspection import Duty
 from monitor.service.shared_state import SharedState
 from monitor.simulate.controller.journal import SafetyMessage
 from monitor.simulate.controller.modes import SafetyMode

@@ -100,15 +100,15 @@ def killed(parent: "subprocess.Popen[str]", rng: random.Random) -> set[int]:
     parent.stdin.flush()
     reported: set[int] = set()
     pid = None
-    at_work = rng.random() < 0.7  # the others are killed while they open the store, recover, and check for the first time
-    while pid is None or (at_work and not reported):
+    in_production = rng.random() < 0.7  # the others are killed while they open the store, recover, and check for the first time
+    while pid is None or (in_production and not reported):
         word, number = next_event(parent)
         if word == "born":
             pid = number
         else:
             assert word == "safe", (word, number)
             reported.add(number)
-    time.sleep(rng.uniform(0.0, 0.6 if at_work else 0.08))
+    time.sleep(rng.uniform(0.0, 0.6 if in_production else 0.08))
     os.kill(pid, signal.SIGKILL)
     while (event := next_event(parent))[0] == "safe":
         reported.add(event[1])

@@ -15,7 +15,7 @@ from monitor.service.daemon import Daemon
 from monitor.service.history.assess_and_store import load_state
 from monitor.service.history.recompute import recompute
 from monitor.service.history.status import status_document
-from monitor.service.maintenance.learning import ArmHeard, late_at
+from monitor.service.housekeeping.learning import ArmHeard, late_at
 from monitor.store.store import Store
 
 NOON = 1.0e9  # 2001-09-09T01:46:40Z, as `lived` has it

@@ -428,7 +428,7 @@ def test_a_window_in_which_no_replay_is_needed_is_left_out_and_says_why(tmp_path
         assert store.ledger.refused_in_a_row() is None
 
 
-def test_wear_that_work_alone_has_found_makes_the_next_window_replay(tmp_path):
+def test_wear_that_production_alone_has_found_makes_the_next_window_replay(tmp_path):
     with Store.open(tmp_path / "history") as store:
         arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0, replay="when_needed")
         arm.told = Told(START - 60 * DAY, START - DAY, (START,) * 6, (2,))

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from excitations import short
 
-from monitor.assess import assess
 from monitor.config.files import find_excitation
 from monitor.config.load import load
+from monitor.judge.assess import assess
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
 from monitor.service.replay.torque_basis import torque_basis

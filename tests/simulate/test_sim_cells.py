@@ -12,13 +12,13 @@ from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.cells.catalogue import CELLS, cell
 from monitor.simulate.controller.moves import Move
 from monitor.simulate.launch import settings_from
-from monitor.simulate.work import WorkSettings, record
+from monitor.simulate.production import ProductionSettings, record
 
 
 @cache
 def worked(name: str, seconds: float, **changes: object):
     """A recording of a cell, and its columns of each joint as (N, 6)."""
-    recording = record(WorkSettings(cell=name, hours=seconds / 3600.0, **changes))
+    recording = record(ProductionSettings(cell=name, hours=seconds / 3600.0, **changes))
     return recording, {
         name: np.column_stack([recording.columns[f"{name}_{j}"] for j in range(6)]) for name in ("actual_q", "actual_qd", "target_qdd")
     }
@@ -37,10 +37,10 @@ def test_every_cell_fits_every_arm(robot):
                     assert (np.abs(q) <= arm.max_position_rad).all(), (name, step)
 
 
-def test_equal_seeds_give_equal_work_and_another_seed_stands_elsewhere():
+def test_equal_seeds_give_equal_production_and_another_seed_stands_elsewhere():
     """Work is a function of its settings; the places of another seed are centimetres away."""
-    first, again = (record(WorkSettings(cell="pick-and-place", hours=2.0 / 3600.0)) for _ in range(2))
-    other = record(WorkSettings(cell="pick-and-place", hours=2.0 / 3600.0, seed=1))
+    first, again = (record(ProductionSettings(cell="pick-and-place", hours=2.0 / 3600.0)) for _ in range(2))
+    other = record(ProductionSettings(cell="pick-and-place", hours=2.0 / 3600.0, seed=1))
     for name, column in first.columns.items():
         assert np.array_equal(column, again.columns[name]), name
     assert max(abs(first.columns[f"actual_q_{j}"][0] - other.columns[f"actual_q_{j}"][0]) for j in range(6)) > 5e-3
@@ -56,7 +56,7 @@ def test_moves_that_are_blended_flow_into_each_other():
     assert np.abs(np.diff(joints["actual_qd"], axis=0)).max() < 0.008 * 12.0  # no more than 12 rad/s²
 
 
-def test_the_slider_slows_the_work_down():
+def test_the_slider_slows_the_production_down():
     """At 40 % the arm is at most 0.4 times as fast, and RTDE's fraction says so."""
     full, joints = worked("pick-and-place", 8.0, rate_hz=125.0)
     slow, slow_joints = worked("pick-and-place", 3.0, speed=0.4)
@@ -98,7 +98,7 @@ def test_a_hand_leads_the_arm_in_freedrive_while_the_program_plays():
     assert np.linalg.norm(np.ptp(at, axis=0)) > 0.1
 
 
-def test_a_protective_stop_shows_and_the_work_goes_on():
+def test_a_protective_stop_shows_and_the_production_goes_on():
     """After its eight seconds somebody acknowledges it, and the program plays on."""
     recording, joints = worked("protective-stop", 20.0, rate_hz=10.0)
     stopped = recording.columns["safety_mode"] == 3.0
@@ -130,7 +130,7 @@ def test_nights_pass_between_shifts():
 def test_wrong_settings_name_the_value_and_what_is_right(changes, named):
     """Every refusal names the field."""
     with pytest.raises(BadInput, match=f"{named}.*(expected|known are)"):
-        record(WorkSettings(**{"cell": "welding", "hours": 0.001} | changes))
+        record(ProductionSettings(**{"cell": "welding", "hours": 0.001} | changes))
 
 
 def test_a_cell_brings_its_own_tool():

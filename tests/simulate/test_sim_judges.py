@@ -63,7 +63,7 @@ print(json.dumps(dict(
 
 
 @pytest.mark.parametrize(("robot", "hz", "version"), [("ur5", 125, [3, 15, 8, 106339]), ("ur5e", 500, [5, 11, 0, 108249])])
-def test_the_manufacturers_own_rtde_client_works(spawn, client, robot, hz, version):
+def test_the_manufacturers_own_rtde_client_productions(spawn, client, robot, hz, version):
     """It checks the version, the types of outputs and inputs, IN_USE, the start, data without a gap, and the pause."""
     result = result_of(client(MANUFACTURERS, spawn("--robot", robot).address, str(hz)))
     assert result["version"] == version

@@ -79,13 +79,13 @@ def test_without_friction_a_minute_of_swinging_costs_no_energy(robot, soak_row):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10**6), worn=st.floats(1.0, 2.0), payload_kg=st.floats(0.0, 4.0))
-def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, payload_kg):
+def test_the_production_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, payload_kg):
     """Random motions under the servo, with wear and payload: ∫τ·q̇ is dissipation plus change of energy, to 1 %."""
     rng = np.random.default_rng(seed)
     arm = Arm(load_robot("ur5"), q=HOME, payload_kg=payload_kg)
     arm.set_wear(int(rng.integers(6)), coulomb=worn, viscous=worn)
     amplitude, frequency = rng.uniform(-0.5, 0.5, 6), rng.uniform(0.3, 0.8, 6)
-    start, work, heat = arm.energy_j(), 0.0, 0.0
+    start, production, heat = arm.energy_j(), 0.0, 0.0
     for i in range(700):
         w = 2 * np.pi * frequency
         t = (i + 0.5) * H
@@ -93,27 +93,27 @@ def test_the_work_of_the_drives_is_heat_and_energy_in_any_replay(seed, worn, pay
         before = arm.qd
         arm.step(H, Target(HOME + amplitude * (1 - np.cos(w * t)), qd, qdd))
         mean = 0.5 * (before + arm.qd)
-        work += H * arm.torque_nm @ mean
+        production += H * arm.torque_nm @ mean
         heat += H * arm.friction_torque(mean, arm.load_nm) @ mean
     exchanged = heat + abs(arm.energy_j() - start)
-    assert work == pytest.approx(heat + arm.energy_j() - start, abs=0.01 * exchanged)
+    assert production == pytest.approx(heat + arm.energy_j() - start, abs=0.01 * exchanged)
 
 
-def test_work_of_the_drives_is_heat_and_energy():
+def test_production_of_the_drives_is_heat_and_energy():
     """∫τ·q̇ is the dissipation, computed without the integrator, plus the change of mechanical energy, to 1 %."""
     arm = Arm(load_robot("ur5"), q=HOME)
     start = arm.energy_j()
-    work = heat = 0.0
+    production = heat = 0.0
     for i in range(2300):  # ends in the middle of a swing, with energy stored
         before = arm.qd
         arm.step(H, swing((i + 0.5) * H))
         mean = 0.5 * (before + arm.qd)
-        work += H * arm.torque_nm @ mean
+        production += H * arm.torque_nm @ mean
         heat += H * arm.friction_torque(mean, arm.load_nm) @ mean
     stored = arm.energy_j() - start
     assert heat > 100.0
     assert abs(stored) > 5.0
-    assert work == pytest.approx(heat + stored, rel=0.01)
+    assert production == pytest.approx(heat + stored, rel=0.01)
 
 
 def test_an_arm_held_by_friction_does_not_creep():

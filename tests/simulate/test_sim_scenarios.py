@@ -13,7 +13,16 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.modes import SafetyMode
 from monitor.simulate.controller.truth import truth
 from monitor.simulate.launch import announcement, settings_from
-from monitor.simulate.scenario import DAY_S, HOUR_S, Scenario, ScenarioEvent, Work, load_scenario, scenario_from_document, scenario_names
+from monitor.simulate.scenario import (
+    DAY_S,
+    HOUR_S,
+    Maintenance,
+    Scenario,
+    ScenarioEvent,
+    load_scenario,
+    scenario_from_document,
+    scenario_names,
+)
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.simulate.wire.robot import ServedRobot
@@ -209,9 +218,9 @@ def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
         ({"arm": 5}, "arm"),
         ({"room": {"mean_c": 99}}, "mean_c"),
         ({"room": {"mean_c": float("nan")}}, "mean_c"),
-        ({"work": {"days": [0]}}, "days"),
-        ({"work": {"from_h": 9, "to_h": 8}}, "from_h"),
-        ({"work": {"pauses": [[5, 3]]}}, "pauses"),
+        ({"production": {"days": [0]}}, "days"),
+        ({"production": {"from_h": 9, "to_h": 8}}, "from_h"),
+        ({"production": {"pauses": [[5, 3]]}}, "pauses"),
         ({"event": {"do": "wear"}}, "list"),
         ({"event": [{"at_day": 1, "do": "explode"}]}, "explode"),
         ({"event": [{"do": "wear", "joint": 1, "percent_a_month": 5}]}, "when"),
@@ -249,14 +258,14 @@ def test_a_missing_scenario_and_an_invalid_file_are_named(tmp_path):
     assert (settings.robot, settings.seed, settings.mounting) == ("ur3e", 3, Mounting.parse("wall"))
 
 
-def test_work_counts_its_hours():
+def test_production_counts_its_hours():
     """Half of ten hours on five days of the week: 107 hours in thirty days, and none on a Sunday."""
-    work = Work()
-    assert work.duty_hours_a_month == pytest.approx(0.5 * 10 * 5 * 30 / 7)
-    week = [work.duty_at(hour * HOUR_S, hour / 24) for hour in range(168)]
+    production = Maintenance()
+    assert production.duty_hours_a_month == pytest.approx(0.5 * 10 * 5 * 30 / 7)
+    week = [production.duty_at(hour * HOUR_S, hour / 24) for hour in range(168)]
     assert sum(week) == pytest.approx(25.0)
     assert not any(week[6 * 24 :])
-    assert replace(work, pauses=((0.0, 7.0),)).duty_at(10 * HOUR_S, 10 * HOUR_S / DAY_S) == 0.0
+    assert replace(production, pauses=((0.0, 7.0),)).duty_at(10 * HOUR_S, 10 * HOUR_S / DAY_S) == 0.0
 
 
 @pytest.mark.parametrize("fault", [{"fault": "text_at_connect"}, {"fault": "not_found", "names": "actual_q"}])
@@ -277,7 +286,7 @@ def test_a_fault_may_be_there_from_the_first_moment_on(fault):
         ({"event": [{"at_s": 9, "do": "fault", "fault": "version", "version": "5.999"}]}, "255"),
         ({"event": [{"at_s": 9, "do": "fault", "fault": "not_found", "names": "nonsense"}]}, "nonsense"),
         ({"event": [{"at_s": 9, "do": ["wear"]}]}, "expected one of"),
-        ({"work": {"duty": 0.0}, "event": [{"at_s": 9, "do": "wear", "joint": 3, "percent_a_month": 5.0}]}, "duty above 0"),
+        ({"production": {"duty": 0.0}, "event": [{"at_s": 9, "do": "wear", "joint": 3, "percent_a_month": 5.0}]}, "duty above 0"),
     ],
 )
 def test_mistakes_in_later_events_are_named_at_the_start(document, named):

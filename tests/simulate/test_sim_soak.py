@@ -131,7 +131,7 @@ def test_clients_that_do_not_read_cost_bounded_memory_and_disturb_nobody(spawn):
         wire.close()
 
 
-def test_after_five_thousand_random_messages_it_still_works(spawn):
+def test_after_five_thousand_random_messages_it_still_productions(spawn):
     """The long test sends a million."""
     simulator = spawn("--robot", "ur5")
     Vandal(1).rage(simulator.address, 5_000)
@@ -168,7 +168,7 @@ def test_clients_that_do_not_read_cost_no_more_after_a_minute_than_at_its_start(
 
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
-def test_after_a_million_random_messages_it_still_works(spawn, soak_row):
+def test_after_a_million_random_messages_it_still_productions(spawn, soak_row):
     """Random and mutated bytes on every port cause no crash, no hang and no growth of memory."""
     simulator = spawn("--robot", "ur5")
     vandal = Vandal(2)

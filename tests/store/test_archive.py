@@ -19,10 +19,10 @@ from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, 
 from monitor.publish.documents import Monitor
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
-from monitor.service.maintenance import uploads as uploads_module
-from monitor.service.maintenance.maintenance import Maintenance
-from monitor.service.maintenance.preflight import service_conditions
-from monitor.service.maintenance.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
+from monitor.service.housekeeping import uploads as uploads_module
+from monitor.service.housekeeping.maintenance import Maintenance
+from monitor.service.housekeeping.preflight import service_conditions
+from monitor.service.housekeeping.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.service.processes.apart import Apart
@@ -294,7 +294,7 @@ def test_only_what_the_archive_has_is_pruned_and_the_rest_stays_whatever_the_lim
     uploads = Uploads(store, lambda: settings, problems, lambda: NOW, lambda: clock[0])
     monkeypatch.setattr(uploads_module, "AT_A_TIME", 4)
     uploads.step()
-    store.notes.set("work_arm", str(numbers[1]))  # the replay that ordinary work is measured against
+    store.notes.set("production_arm", str(numbers[1]))  # the replay that ordinary work is measured against
     Maintenance(store, lambda: settings.store, problems, lambda: NOW, uploads.observe).maintain()
     assert all(store.recordings.path(number).exists() for number in numbers)  # nobody has looked into the archive
     place = Path(store.archived.of(numbers[3]).address)

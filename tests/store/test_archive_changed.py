@@ -8,8 +8,8 @@ import pytest
 from test_archive import DAY, NOW, configuration, drained, listed, recording, rejected, uploads_of
 
 from monitor.errors import ArchiveConflict
-from monitor.service.maintenance import uploads as uploads_module
-from monitor.service.maintenance.uploads import PROBLEM, Uploads
+from monitor.service.housekeeping import uploads as uploads_module
+from monitor.service.housekeeping.uploads import PROBLEM, Uploads
 from monitor.service.problems import Problems
 from monitor.store.archive.archive import Archive, key_of
 from monitor.store.backup import HISTORY, back_up

@@ -80,7 +80,7 @@ def test_a_history_of_an_earlier_version_has_a_change_for_each_replay(tmp_path: 
     with Store.open(tmp_path) as store:
         for day in (1, 2, 3):
             commit(store, replayed(store, DAY * day), recorded_at_unix_s=DAY * day)
-        later = ("archived", "change", "work_observation", "work_information", "duty", "safety_stop", "inspection")
+        later = ("archived", "change", "production_observation", "production_information", "duty", "safety_stop", "inspection")
         tables = [f"TABLE {name}" for name in later]
         for name in ("TRIGGER assessment_written", "TRIGGER assessment_taken_back", *tables):
             store.database.connection.execute(f"DROP {name}")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from command_line import ended, printed
 
-from monitor.assess import assess
 from monitor.errors import BadInput
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from lived_monitor import configuration, identified, live_through
 from synthetic_arm import of_arm
 
-from monitor.assess import AssessSettings
 from monitor.config.load import from_document
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import NOISE, SLOPE
 from monitor.judge.drift.prior import BOUNDS, prior_from_document

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.assess import AssessSettings
-from monitor.studies.rehearsal.at_work import DAILY_UNTIL, Plan, WorkSettings, played
+from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
+from monitor.studies.rehearsal.in_production import DAILY_UNTIL, Plan, ProductionSettings, played
 from monitor.studies.rehearsal.needs import Needs
 from monitor.studies.rehearsal.play import COMPARABLE
-from monitor.studies.rehearsal.work_plans import PLANS, row
+from monitor.studies.rehearsal.production_plans import PLANS, row
 
 SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, untold_days=7.0, at_most_days=30.0)
 ALL, NONE, FIRST = np.ones((1, 2), dtype=bool), np.zeros((1, 2), dtype=bool), np.array([[True, False]])
@@ -25,7 +25,7 @@ def learnt():
     return needs
 
 
-def test_a_joint_that_work_never_moves_is_replayed_after_untold_days_and_one_that_it_does_after_at_most_days(learnt):
+def test_a_joint_that_production_never_moves_is_replayed_after_untold_days_and_one_that_it_does_after_at_most_days(learnt):
     moved = Needs(1, 2)
     moved.replayed(20, ALL, QUIET, NONE)
     for day in range(21, 50):
@@ -36,7 +36,7 @@ def test_a_joint_that_work_never_moves_is_replayed_after_untold_days_and_one_tha
     assert moved.at(50, SCHEDULE).all()
 
 
-def test_what_work_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_raised_asks_no_more(learnt):
+def test_what_production_suspects_or_finds_asks_until_a_replay_and_an_alert_that_is_raised_asks_no_more(learnt):
     learnt.worked(20.4, ALL, QUIET, QUIET, FIRST)
     assert not learnt.at(21, SCHEDULE).any()  # the last replay was yesterday
     assert learnt.at(22, SCHEDULE).all()
@@ -74,18 +74,18 @@ def test_a_replay_in_doubt_asks_for_the_next_one_and_that_one_ends_the_doubt_or_
     assert not learnt.at(23, SCHEDULE).any()
 
 
-def test_an_arm_whose_work_tells_of_every_joint_replays_seldom_once_it_is_learnt():
+def test_an_arm_whose_production_tells_of_every_joint_replays_seldom_once_it_is_learnt():
     """Two arms and a month: at most 12 replays each, of 30."""
     schedule = ScheduleSettings(replay="when_needed", learning_days=DAILY_UNTIL)
-    work = WorkSettings(blind_joints=0, seldom=0.95)
+    production = ProductionSettings(blind_joints=0, seldom=0.95)
     fleet = FleetSettings(arms=2, days=DAILY_UNTIL + 31, seed=5, scenarios=COMPARABLE)
-    found = played(fleet, None, work, Plan(work=True, schedule=schedule), AssessSettings())
+    found = played(fleet, None, production, Plan(production=True, schedule=schedule), AssessSettings())
     assert 1.0 <= found["replays_a_year"] * 31.0 / 365.0 <= 12.0
 
 
 def test_the_table_says_replays_minutes_and_delays():
     quiet = {"replays_a_year": 36.0, "per_year": 0.1, "at_most": 0.16}
-    step = {"median_days": 9.0, "median_days_where_work_tells": 8.5, "median_days_where_it_never_does": None}
+    step = {"median_days": 9.0, "median_days_where_production_tells": 8.5, "median_days_where_it_never_does": None}
     text = row("few", quiet, step, {"median_days": 140.0}, 360.0)
     assert text == "| few | 36 (10 %) | 1.5 | 9; 8; – | 140 | 0.10 (0.16) |\n"
     assert next(iter(PLANS.values())) == Plan()  # robot time is compared with daily replays

@@ -21,8 +21,8 @@ from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.publish.documents import ServicedRequest
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
+from monitor.service.history.maintenance import declare_maintenance
 from monitor.service.history.recompute import recompute
-from monitor.service.history.work import declare_work
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -87,7 +87,7 @@ def two_arms(folder: Path) -> Path:
                     known = replace(known, health=health)
                 if day == DAYS - 2:
                     request = ServicedRequest(joint=3, kind="greased", by="Ada", why="it was due")
-                    known = declare_work(store, configuration, known, request, at + 7200.0).state
+                    known = declare_maintenance(store, configuration, known, request, at + 7200.0).state
     return folder
 
 

@@ -9,8 +9,8 @@ import pytest
 import scipy
 from synthetic_arm import CONTEXT, START_S, Arm
 
-from monitor.assess import AssessSettings
 from monitor.identify.identify import identify
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
@@ -303,7 +303,7 @@ def test_remaining_life_is_calibrated_on_every_path():
         assert 0.65 <= row["p50_over_truth"] <= 1.6
 
 
-@pytest.mark.parametrize("module", ["work_plans", "work_observer", "worlds.__main__"])
+@pytest.mark.parametrize("module", ["production_plans", "production_observer", "worlds.__main__"])
 def test_a_study_of_no_arms_is_refused_before_it_begins(module, monkeypatch, capsys):
     """It was a traceback, for plans after minutes."""
     option = "--arms" if module.startswith("worlds") else "--slow"

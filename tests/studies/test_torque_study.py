@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.studies import torque_study as torque
 from monitor.studies.torque_study import TorqueErrors, study_arm, summary, surrogate

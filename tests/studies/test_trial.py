@@ -69,7 +69,7 @@ def test_a_wrong_option_is_said_before_anything_starts(option, value, expected):
     assert expected in result.stderr
 
 
-def test_declared_work_is_done_on_the_simulated_arm():
+def test_declared_production_is_done_on_the_simulated_arm():
     """A replaced joint is as new and wears like a healthy one; grease takes four fifths away and leaves the pace."""
 
     class Worn:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife
+from monitor.judge.assess import AssessSettings
 from monitor.studies.performance_card import END, with_worlds
 from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section

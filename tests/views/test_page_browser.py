@@ -14,8 +14,8 @@ from monitor.judge.document import plain
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
-from monitor.model.joint_names import joint_name
 from monitor.publish.timestamps import outside
+from monitor.reason import joint_name
 from monitor.service.hand_over.due import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
@@ -454,7 +454,7 @@ def test_a_person_allows_motion_after_a_stop(tabs, tmp_path):
         tabs.clear()
 
 
-def test_work_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
+def test_production_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
     """A replaced joint begins anew: its alert clears, the dialog says so, the chart has a mark; and a mistake is taken back there."""
     with monitor(tmp_path, days=32, moving=False) as (server, _, store):
         page = tabs.open(locale="en-US")
@@ -471,8 +471,8 @@ def test_work_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
         page.locator("#past summary").first.click()
         expect(page.locator("#cleared h3")).to_contain_text("Elbow turns")
         expect(page.locator("#cleared")).to_contain_text("serviced: Elbow (joint 3) was replaced")
-        (work,) = store.works.rows()
-        assert work.document["kind"] == "replaced"
+        (production,) = store.maintenance.rows()
+        assert production.document["kind"] == "replaced"
         page.locator("#tab-3").click()
         expect(page.locator("#wear")).to_have_attribute("aria-label", re.compile("; replaced on Jul 3$"))
         expect(page.locator("#worked")).to_contain_text("Elbow (joint 3) was replaced")
@@ -483,7 +483,7 @@ def test_work_on_a_joint_is_declared_on_the_page(tabs, tmp_path):
         page.locator("#cancel").click()
         expect(page.locator("#worked")).to_be_empty()
         expect(page.locator("#active h3")).to_contain_text("Elbow turns")  # the alert is back
-        (undone,) = store.works.rows()
+        (undone,) = store.maintenance.rows()
         assert (undone.undone_by, undone.undone_why) == ("Ada", "it was the shoulder")
         tabs.clear()
 
@@ -498,11 +498,11 @@ def test_a_dark_page_is_printed_on_white(opened):
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
 
 
-def test_a_joint_says_what_came_from_work_and_how_far_the_next_replay_is(opened, served):
+def test_a_joint_says_what_came_from_production_and_how_far_the_next_replay_is(opened, served):
     """Observations by replays and by work, what work holds of what is needed, and the next replay with its reason: in German."""
     _, daemon, store = served
     at = store.assessments.state().belief["at_unix_s"]
-    joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_work": 3, "learnt_at_unix_s": at}
+    joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_production": 3, "learnt_at_unix_s": at}
     reason = "Elbow (joint 3): it moved for 0 s in 7 days; a replay is needed"
     why = "work does not tell enough of joint 3: after 7 days a replay is needed"
     document = {
@@ -516,7 +516,7 @@ def test_a_joint_says_what_came_from_work_and_how_far_the_next_replay_is(opened,
         "joints": [{"joint": j, **joint, "reason": reason} for j in range(1, 7)],
     }
     page = opened[0](language="de")
-    daemon.publisher.say("from-work", document)
+    daemon.publisher.say("from-production", document)
     figures = page.locator("#figures")
     expect(figures).to_contain_text("40 Prüffahrten, 3 Zeiträumen Arbeit")
     expect(figures).to_contain_text("0,02 (Ellbogen (Gelenk 3): in 7 Tagen hat es sich 0 s bewegt; eine Prüffahrt ist nötig)")

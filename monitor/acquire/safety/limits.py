@@ -9,8 +9,8 @@ from monitor.design.clearance import Clearance, surroundings
 from monitor.design.proof import cell_of, recheck
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.fourier import Excitation
-from monitor.model.joint_names import joint_text
 from monitor.model.robot import Robot
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 MAX_ACCELERATION_RAD_S2 = 5.5 * math.pi  # Raviola et al. (2021), section 2.3: the limit of the excitation's optimisation

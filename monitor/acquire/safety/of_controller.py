@@ -9,7 +9,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.limits import CHECK_RATE_HZ
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 
 GENERATIONS = {"cb3": ("3",), "e-series": ("5", "10")}  # each by the major versions of its software
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself

@@ -12,8 +12,8 @@ import numpy as np
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 LEAST_CURRENT_A, MOST_CURRENT_A = 0.5, 100.0  # at a joint's largest torque; known arms need 2.6 A (a UR3's wrist) to 55 A (a UR20's base)

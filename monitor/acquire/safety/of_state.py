@@ -24,8 +24,8 @@ from monitor.acquire.state import (
 )
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 HOLD_ERROR_RAD = 0.05  # an arm that holds its pose has its target within this of its position

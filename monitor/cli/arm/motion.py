@@ -38,7 +38,7 @@ STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
     from monitor.acquire.safety.inputs import ConditionResult
-    from monitor.service.maintenance.preflight import service_conditions
+    from monitor.service.housekeeping.preflight import service_conditions
     from monitor.service.replay.motion import check_conditions
 
     configuration = load_configuration(config)

@@ -27,7 +27,7 @@ def serviced(
 ) -> None:
     """Say that a joint was replaced, greased or overhauled: its alerts end, or wait for their proof. Works without the daemon."""
     from monitor.publish.documents import ServicedRequest, UndoServicedRequest
-    from monitor.service.history.work import offline
+    from monitor.service.history.maintenance import offline
 
     chosen = [name for name, given in (("replaced", replaced), ("greased", greased), ("overhauled", overhauled), ("undo", undo)) if given]
     if len(chosen) != 1:

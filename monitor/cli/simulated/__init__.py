@@ -1,1 +1,1 @@
-"""The commands with a simulated arm: `demo`, `try`, `simulate`, `simulate-work`."""
+"""The commands with a simulated arm: `demo`, `try`, `simulate`, `simulate-production`."""

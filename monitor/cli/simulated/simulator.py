@@ -1,4 +1,4 @@
-"""The commands `simulate`, a simulated UR controller, and `simulate-work`, recordings of production on it."""
+"""The commands `simulate`, a simulated UR controller, and `simulate-production`, recordings of production on it."""
 
 from pathlib import Path
 from typing import Annotated
@@ -115,7 +115,7 @@ def simulate(
     serve(settings, lambda: typer.echo(announcement(settings)))
 
 
-def simulate_work(
+def simulate_production(
     cell: Annotated[str, typer.Argument(metavar="CELL", help="Name of the cell, or `list`.", autocompletion=complete_cell)],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where to write: .parquet, or .csv.", show_default=False)
@@ -142,14 +142,14 @@ def simulate_work(
             typer.echo("\n".join(f"{name:<17} {kind.about}" for name, kind in CELLS.items()))
         return
     from monitor.simulate.launch import numbers
+    from monitor.simulate.production import ProductionSettings, arm_in_cell, record
     from monitor.simulate.scenario import Room
-    from monitor.simulate.work import WorkSettings, arm_in_cell, record
     from monitor.store.formats.tables import check_table, write_table
 
     if output is None:
-        raise BadInput("simulate-work: -o FILE is missing; expected a file that ends in .parquet or .csv")
+        raise BadInput("simulate-production: -o FILE is missing; expected a file that ends in .parquet or .csv")
     check_table(output)
-    work = WorkSettings(
+    production = ProductionSettings(
         cell=cell,
         robot=robot,
         seed=seed,
@@ -159,7 +159,7 @@ def simulate_work(
         rate_hz=rate,
         room=Room(mean_c=ambient, daily_swing_k=2.0),
     )
-    recording = record(work, arm_in_cell(work, wear=numbers("--wear", wear)))
+    recording = record(production, arm_in_cell(production, wear=numbers("--wear", wear)))
     write_table(output, recording.columns, recording.context)
     if as_json:
         print_json({"file": str(output), "rows": recording.rows, "cycles": recording.cycles, "protective_stops": len(recording.stops)})
@@ -168,4 +168,4 @@ def simulate_work(
     typer.echo(f"{output}: {cell} at {speed:g} %, {days * hours:g} h of work, {recording.cycles} cycles{stops}, {recording.rows} rows")
 
 
-COMMANDS: Commands = {"simulate": simulate, "simulate-work": simulate_work}
+COMMANDS: Commands = {"simulate": simulate, "simulate-production": simulate_production}

@@ -5,8 +5,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from monitor.gateway.figures import ArmFigures, JointFigures, unacknowledged
-from monitor.model.joint_names import joint_text
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import joint_text
 
 MESSAGE = "diagnostic_msgs/msg/DiagnosticArray"
 OK, WARN, ERROR, STALE = range(4)  # of diagnostic_msgs/msg/DiagnosticStatus

@@ -17,7 +17,7 @@ from monitor.identify.validate import PLACE_RAD
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.drift.channels.state import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly

@@ -26,7 +26,7 @@ from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import DAY_S
 
 WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"

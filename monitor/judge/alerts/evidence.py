@@ -29,11 +29,11 @@ CROSSINGS_PER_YEAR = 0.75
 FOUND_SHARE = 0.9
 # The same as long as a rise is held that was found beside observed work. With all of them a quarter of slow wear waited for more than a
 # month.
-WORK_FOUND_SHARE = 5.0 / 6.0
+PRODUCTION_FOUND_SHARE = 5.0 / 6.0
 # The same where no change was ever found. The filter lets wear of such a joint wander by little, and noise that lasts for months, or a
 # sensor that drifts, is what it follows.
 UNFOUND_SHARE = 1.18
-WORK_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
+PRODUCTION_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
 
@@ -204,7 +204,7 @@ def required_of_joints(after: WearAfterReplay, required: float) -> Array:
     as much as any. Beside work replays are rare, and it needs less for as long as it is held.
     """
     if after.risen is not None:
-        return np.where(after.risen, WORK_FOUND_SHARE * required, required)
+        return np.where(after.risen, PRODUCTION_FOUND_SHARE * required, required)
     return required * np.where(after.agreeing >= LONG, FOUND_SHARE, np.where(after.changed, 1.0, UNFOUND_SHARE))
 
 
@@ -244,13 +244,13 @@ def _count(
     return np.where(gone, 0.0, replays + more * weight[0]), new_days, np.where(gone, -1.0, np.where(more, day, last))
 
 
-def raised_by_work(evidence: Evidence) -> Array:
+def raised_by_production(evidence: Evidence) -> Array:
     """(N,) the tiers to which the arm's ordinary work alone may raise an alert; −1: none.
 
     It raises an advisory at most, and that only where it is surer than a replay needs to be: what changes the work changes friction too.
     Whatever the evidence would raise beyond that, one replay shall confirm.
     """
-    advisory: Array = np.where(evidence.sigmas >= WORK_SIGMAS, np.minimum(evidence.raises, 0), -1)
+    advisory: Array = np.where(evidence.sigmas >= PRODUCTION_SIGMAS, np.minimum(evidence.raises, 0), -1)
     return advisory
 
 

@@ -43,7 +43,7 @@ def next_transition(
     if highest == now and abs(status.change - alert.change) < settings.update_step and not status.restated:
         return None
     published = _published(condition, highest, status, at_unix_s)
-    published["text"] += _work_so_far(alert)
+    published["text"] += _production_so_far(alert)
     updated = with_gravest(replace(alert, **published), alert.gravest_so_far)
     if highest > now:  # somebody shall acknowledge the graver alert again
         updated = replace(updated, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
@@ -170,7 +170,7 @@ def service_transition(alert: Alert | None, condition: AlertCondition, situation
     return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at))
 
 
-def _work_so_far(alert: Alert) -> str:
+def _production_so_far(alert: Alert) -> str:
     """Work that did not end the alert, as a sentence; empty where there was none."""
     if alert.serviced_kind is None or alert.serviced_at_unix_s is None:
         return ""

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 
 STRAIGHT_TEXT = "if friction goes on along a straight line"
 PATH_WORDS = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}

@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, RISES
-from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, raised_by_work, wear_after_replay, weigh_evidence
+from monitor.judge.alerts.evidence import FALLING, Counts, Evidence, counts_of, raised_by_production, wear_after_replay, weigh_evidence
 from monitor.judge.alerts.health import NO_CONFIRMATIONS, TIERS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import next_transition
 from monitor.judge.alerts.reasons.attribution import attribute_changes
@@ -22,9 +22,9 @@ from monitor.judge.alerts.serviced import OF_FRICTION, begin, settle, without_co
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.alerts.states import arm_of, arm_state, joint_state
 from monitor.judge.belief import Belief
+from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
-from monitor.judge.drift.work import Work
 from monitor.recording import DAY_S
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status
@@ -44,7 +44,7 @@ def judge(
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE,
     *,
     drift: DriftSettings | None = None,
-    works: tuple[Work, ...] = (),
+    maintenance: tuple[Maintenance, ...] = (),
 ) -> Judgement:
     """Health after the belief's last replay.
 
@@ -56,7 +56,7 @@ def judge(
     before = health or Health(joints=(), since_unix_s=at)
     if not before.joints:  # the first replay: there are at most alerts of the service's own
         before = replace(before, joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
-    begun = tuple(work for work in works if work.declared_at_unix_s == at)
+    begun = tuple(act for act in maintenance if act.declared_at_unix_s == at)
     before = replace(before, joints=tuple(without_confirmations(joint, begun) for joint in before.joints))
     evidence = _evidence(belief, before, settings, undeclared)
     arm = ArmSituation(
@@ -72,10 +72,10 @@ def judge(
     statuses = [each for situation in situations for each in _joint_statuses(situation)] + _arm_statuses(arm, confirmations)
 
     known, transitions = dict(arm.alerts), []
-    for declared in (each for work in begun for each in begin(dict(known), work, at)):
+    for declared in (each for act in begun for each in begin(dict(known), act, at)):
         known[declared.alert.key] = declared.alert
         transitions.append(declared)
-    settled = {work.joint: work for work in works if work not in begun}
+    settled = {act.joint: act for act in maintenance if act not in begun}
     for joint, condition, status in statuses:
         transition = _next(known.get((joint, condition.name)), joint, condition, status, settled, arm)
         if transition:
@@ -98,7 +98,7 @@ def judge(
     return Judgement(after, tuple(transitions))
 
 
-class WorkJudgement(NamedTuple):
+class ProductionJudgement(NamedTuple):
     """Health after a period of the arm's ordinary work, the changes of alerts that led to it, and what a replay shall confirm."""
 
     health: Health
@@ -106,17 +106,17 @@ class WorkJudgement(NamedTuple):
     asks: tuple[int, ...]  # joints (from 1) whose friction seems to have risen to a graver tier than work alone may raise
 
 
-def judge_work(
+def judge_production(
     health: Health, belief: Belief, usable: np.ndarray, learnt: np.ndarray, settings: HealthSettings, *, drift: DriftSettings
-) -> WorkJudgement:
+) -> ProductionJudgement:
     """Health after a period of ordinary work, the belief's last observation.
 
     Work says something of the friction of single joints. What most joints do together, and what is wrong with data or declarations, are
     for the replays to say. usable : (J,) joints whose work counts for or against a change; learnt : (J,) that were learned from.
     """
     at = belief.at_unix_s
-    evidence = weigh_evidence(wear_after_replay(belief, usable & ~belief.worked), counts_of(health), belief.joints, settings)
-    wanted, evidence = evidence.raises, evidence._replace(raises=raised_by_work(evidence), falls=np.zeros_like(evidence.falls))
+    evidence = weigh_evidence(wear_after_replay(belief, usable & ~belief.awaiting_proof), counts_of(health), belief.joints, settings)
+    wanted, evidence = evidence.raises, evidence._replace(raises=raised_by_production(evidence), falls=np.zeros_like(evidence.falls))
     arm = ArmSituation(
         belief=belief,
         evidence=evidence,
@@ -125,11 +125,11 @@ def judge_work(
         alerts={alert.key: alert for alert in health.alerts},
         settings=settings,
     )
-    situations = [_after_work(arm, joint, bool(learnt[joint.joint - 1])) for joint in health.joints]
+    situations = [_after_maintenance(arm, joint, bool(learnt[joint.joint - 1])) for joint in health.joints]
     known, transitions = dict(arm.alerts), []
     for situation in situations:
         joint = situation.health.joint
-        if not learnt[joint - 1] or belief.worked[joint - 1]:
+        if not learnt[joint - 1] or belief.awaiting_proof[joint - 1]:
             continue
         for name in RISES:
             condition = CONDITIONS[name]
@@ -152,7 +152,7 @@ def judge_work(
     after = replace(health, state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts)
     tiers = {alert.joint: TIERS.index(alert.tier) for alert in alerts if alert.active and alert.condition in RISES}
     asks = tuple(j + 1 for j in range(belief.joints) if learnt[j] and wanted[j] > tiers.get(j + 1, -1))
-    return WorkJudgement(after, tuple(transitions), asks)
+    return ProductionJudgement(after, tuple(transitions), asks)
 
 
 UNCONFIRMED = "Ordinary work shows this; no replay has confirmed it yet."
@@ -162,7 +162,7 @@ def _unconfirmed(text: Callable[[], str]) -> str:
     return f"{text()} {UNCONFIRMED}"
 
 
-def _after_work(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
+def _after_maintenance(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
     """One joint after a period of work, with the confirmations that it adds."""
     j, counts = joint.joint - 1, arm.evidence.counts
     friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
@@ -180,17 +180,17 @@ def _next(
     joint: int | None,
     condition: AlertCondition,
     status: ConditionStatus,
-    settled: Mapping[int, Work],
+    settled: Mapping[int, Maintenance],
     arm: ArmSituation,
 ) -> Transition | None:
     """What becomes of an alert after this replay. settled : works that it judges, by joint."""
     at = arm.belief.at_unix_s
     if condition.name in OF_FRICTION and joint is not None:
-        work = settled.get(joint)
-        if arm.belief.worked[joint - 1]:
+        act = settled.get(joint)
+        if arm.belief.awaiting_proof[joint - 1]:
             return None  # the work is not judged yet
-        if work is not None and alert is not None and alert.active:
-            transition = settle(alert, work, status, at, condition.tiers[alert.tier].advice)
+        if act is not None and alert is not None and alert.active:
+            transition = settle(alert, act, status, at, condition.tiers[alert.tier].advice)
             if transition is not None:
                 return transition
     return next_transition(alert, joint, condition, status, at, arm.settings)
@@ -201,7 +201,7 @@ def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclar
 
     It counts for the joints that it updated inside the learned range, where no work on them waits to be judged.
     """
-    usable = belief.learnt_from & (belief.inside_range > 0) & (not undeclared.withheld) & ~belief.worked
+    usable = belief.learnt_from & (belief.inside_range > 0) & (not undeclared.withheld) & ~belief.awaiting_proof
     return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)
 
 

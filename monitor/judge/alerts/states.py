@@ -11,7 +11,7 @@ from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES,
 from monitor.judge.alerts.reasons.unseen_step import unseen_step_text
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undetected_change import UnseenStep
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 Reason = tuple[State, str]
@@ -27,12 +27,12 @@ def joint_state(
     """
     joint, belief = situation.health, situation.belief
     j = situation.j
-    work = belief.counted_since(joint.joint)
-    since = "the beginning" if work is None else f"it {work.verb} on {work.day}"
+    act = belief.counted_since(joint.joint)
+    since = "the beginning" if act is None else f"it {act.verb} on {act.day}"
     normal = f"friction {math.expm1(wear[j]):+z.1%} ± {wear_std[j]:.1%} since {since}"
     if math.isfinite(unseen.days[j]):
         normal += f"; {unseen_step_text(math.expm1(unseen.log_rise[j]), unseen.days[j])}"
-    waiting = [one.text for one in belief.works if one.waiting and one.joint == joint.joint]
+    waiting = [one.text for one in belief.maintenance if one.waiting and one.joint == joint.joint]
     state, why = joint_of(joint.joint, waiting[-1] if waiting else normal, alerts, _of_replay(situation) if of_replay else ())
     return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else belief.at_unix_s)
 

@@ -22,7 +22,7 @@ from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, SLOPE, FilterSt
 from monitor.judge.drift.prior import LIFE_RISE, WearPrior
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
-from monitor.judge.drift.wear_history import AGE, COUNT, SLOPE_SUM, WORK_AGE
+from monitor.judge.drift.wear_history import AGE, COUNT, PRODUCTION_AGE, SLOPE_SUM
 from monitor.recording import Array
 
 POWERS = np.array([0.33, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, *[1.0] * 7])  # p of every shape
@@ -98,7 +98,7 @@ class WearPaths:
 class _Blocks(NamedTuple):
     """The course of friction of one joint, (B,) each."""
 
-    work_age: Array  # [usual days]
+    production_age: Array  # [usual days]
     age: Array  # [d]
     width: Array  # [usual days]
     friction: Array  # z, over the friction that the filter expects without wear
@@ -142,7 +142,7 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
         return None
     count = kept[:, COUNT]
     sums = kept / count[:, None]
-    if not sums[:, WORK_AGE].max() >= LEAST_DAYS:
+    if not sums[:, PRODUCTION_AGE].max() >= LEAST_DAYS:
         return None
     law = [SLOPE, CURVE, LAG, *range(LEVELS, LEVELS + SLOTS)]
     rows = sums[:, SLOPE_SUM:-1]  # (B, 3 + SLOTS)
@@ -156,8 +156,8 @@ def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings
     V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
     V += rows @ doubt @ rows.T
     V *= friction[:, None] * friction
-    work_per_replay = sums[-1, WORK_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
-    return _Blocks(sums[:, WORK_AGE], sums[:, AGE], np.maximum(count * work_per_replay, 1e-3), friction, V)
+    production_per_replay = sums[-1, PRODUCTION_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
+    return _Blocks(sums[:, PRODUCTION_AGE], sums[:, AGE], np.maximum(count * production_per_replay, 1e-3), friction, V)
 
 
 def _correlated(count: Array, age: Array, rho: float) -> Array:
@@ -205,7 +205,7 @@ def _expected(shape: np.ndarray, since: Array, fleet: WearPrior | None) -> list[
 
 def _fit(blocks: _Blocks, fleet: WearPrior | None) -> WearPaths:
     """The mixture over shapes, onsets, steps and what friction does beside its wear."""
-    age, width, oldest = blocks.work_age, blocks.width, float(blocks.work_age.max())
+    age, width, oldest = blocks.production_age, blocks.width, float(blocks.production_age.max())
     shape = np.repeat(np.arange(len(POWERS)), ONSETS)  # (P,)
     since: Array = np.tile(oldest * (np.arange(ONSETS) + 0.5) / ONSETS, len(POWERS))  # (P,)
     at, of = (np.array(each)[:, None, None] for each in zip(*GAUSS, strict=True))

@@ -28,14 +28,14 @@ from monitor.judge.drift.reference import Reference, forget, from_beginning
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.two_sources import TwoSources
-from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_work, settle_slot
+from monitor.judge.drift.wear_history import age_history, empty_history, history_of_posterior, rescale_production, settle_slot
 from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
 LEVELS = 6  # index of the first level
 STATES = LEVELS + SLOTS  # S of an arm whose ordinary work never was observed; with work two more, see `two_sources`
-WORK_LEVEL, WORK_NOISE = STATES, STATES + 1  # a_w [log], m [log] of ordinary work, where it was observed
-WORK_LEVEL_WALK_PER_SQRT_DAY = 1e-3  # [log] random walk of a_w: 2 % in a year, as the work changes little by little
+PRODUCTION_LEVEL, PRODUCTION_NOISE = STATES, STATES + 1  # a_w [log], m [log] of ordinary work, where it was observed
+PRODUCTION_LEVEL_WALK_PER_SQRT_DAY = 1e-3  # [log] random walk of a_w: 2 % in a year, as the work changes little by little
 WINDOW = 48  # W, number of replays at which a sudden change may have begun: the latest ones, and fewer of the older ones …
 OLDEST = 200  # … up to so many replays ago
 KINDS = 2  # of sudden changes: a step of wear, a new wear rate
@@ -323,9 +323,9 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
         other = other_source(state, sources)
         other_rho = other.autocorrelation(joints_per_arm, settings)
         other_decay = other_rho ** np.minimum(days / sources.other_interval_days, 1e3)
-        F[:, WORK_NOISE, WORK_NOISE] = other_decay
-        Q[:, WORK_NOISE, WORK_NOISE] = other.noise_var(joints_per_arm, settings, other_rho) * (1.0 - other_decay**2)
-        Q[:, WORK_LEVEL, WORK_LEVEL] = WORK_LEVEL_WALK_PER_SQRT_DAY**2 * days
+        F[:, PRODUCTION_NOISE, PRODUCTION_NOISE] = other_decay
+        Q[:, PRODUCTION_NOISE, PRODUCTION_NOISE] = other.noise_var(joints_per_arm, settings, other_rho) * (1.0 - other_decay**2)
+        Q[:, PRODUCTION_LEVEL, PRODUCTION_LEVEL] = PRODUCTION_LEVEL_WALK_PER_SQRT_DAY**2 * days
         sources = replace(
             sources,
             since_days=sources.since_days + days,
@@ -347,7 +347,7 @@ def predict_filter(state: FilterState, days: Array, joints_per_arm: int, setting
     responses[..., WEAR] = (grown[:, None, None] * responses[..., WEAR] + use[:, None, None] * responses[..., RATE]) / then[:, None, None]
     responses[..., NOISE] *= decay[:, None, None]
     if sources is not None:
-        responses[..., WORK_NOISE] *= other_decay[:, None, None]
+        responses[..., PRODUCTION_NOISE] *= other_decay[:, None, None]
     return replace(state, mean=mean, cov=cov, responses=responses, history=age_history(state.history, use, days), sources=sources)
 
 
@@ -372,7 +372,7 @@ def rescale_rate(state: FilterState, factor: Array) -> FilterState:
     cov[:, RATE, :] *= factor[:, None]
     cov[:, :, RATE] *= factor[:, None]
     responses[..., RATE] *= factor[:, None, None]
-    return replace(state, mean=mean, cov=cov, responses=responses, history=rescale_work(state.history, factor))
+    return replace(state, mean=mean, cov=cov, responses=responses, history=rescale_production(state.history, factor))
 
 
 def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterState:
@@ -397,7 +397,7 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
     """The state with no wear and unknown levels for the joints in `new` (N,), in every slot and at work. The slope becomes less certain."""
     slope_var = state.cov[new, SLOPE, SLOPE] + (SLOPE_CHANGE * state.mean[new, SLOPE]) ** 2  # once, and not once a slot
-    for slot in range(SLOTS if state.sources is None else WORK_LEVEL - LEVELS + 1):
+    for slot in range(SLOTS if state.sources is None else PRODUCTION_LEVEL - LEVELS + 1):
         state = open_slot(state, np.full(state.joints, slot), new)
     mean, cov = state.mean.copy(), state.cov.copy()
     cov[new, SLOPE, SLOPE] = slope_var

@@ -25,14 +25,14 @@ from monitor.judge.drift.filter_state import (
     update_interval,
 )
 from monitor.judge.drift.from_fleet import begin_from_fleet, temperature_from_fleet, widen_where_prior_fails
-from monitor.judge.drift.from_work import (
+from monitor.judge.drift.from_production import (
     arbitrate,
-    begin_work,
+    begin_production,
     confirmed,
-    inside_work,
+    inside_production,
     observed,
     remember_unconfirmed,
-    reopen_work,
+    reopen_production,
     swapped,
     widen_range,
 )
@@ -79,11 +79,11 @@ class Replay:
     slot: Array | None = None  # (A,) slot of the replay's context, 0 … SLOTS − 1; None: that of the last replay
     opened: np.ndarray | None = None  # (A,) whether the slot's level is unknown, as in a context never seen before; None: no arm's
     replaced: np.ndarray | None = None  # (N,) joints that were replaced since the last replay; None: none
-    worked: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
+    awaiting_proof: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
     undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
     same_mass: np.ndarray | None = None  # (A,) whether the arm was weighed, and carries what it did before; None: nobody weighed
     revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
-    from_work: bool = False  # it is no replay, but an observation from the arms' ordinary work; `opened`: work in another context
+    from_production: bool = False  # it is no replay, but an observation from the arms' ordinary work; `opened`: work in another context
 
 
 class StepResult(NamedTuple):
@@ -104,7 +104,7 @@ class JointReplay(NamedTuple):
     slot: Array
     opened: np.ndarray
     replaced: np.ndarray
-    worked: np.ndarray
+    awaiting_proof: np.ndarray
     undeclared: np.ndarray
     same_mass: np.ndarray
     revolutions: Array
@@ -182,8 +182,8 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
     True
     """
     joint = per_joint(state, replay)
-    if replay.from_work:
-        return learn_from_work(state, joint, drift, temperature)
+    if replay.from_production:
+        return learn_from_production(state, joint, drift, temperature)
     state, stuck, suspect = check_sensors(state, joint)
     observation = withhold(joint, suspect)
     state = enter_context(state, joint, drift, temperature)
@@ -193,31 +193,31 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
     updated = update_by_replay(state, joint, observation, drift)
     if drift.prior is not None:
         updated = widen_where_prior_fails(updated, drift.prior, _family_std_per_k(temperature))
-    state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.worked))
+    state = replace(state, filter_state=count_from_lowest(updated, joint.days, drift, joint.awaiting_proof))
     state = replace(state, filter_state=remember_warming(state.filter_state, observation.warming_k_per_min))
     state = replace(state, filter_state=look_beside(state, joint, observation))
     state = settle_reference(state, observation.temperature_c, drift)
     return StepResult(learn_laws(state, observation), observation, inside, stuck)
 
 
-def learn_from_work(state: DriftState, joint: JointReplay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
+def learn_from_production(state: DriftState, joint: JointReplay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
     """The state after an observation from ordinary work.
 
     It says nothing of the channels beside F(v*), of the temperature laws of fc and fv, of T0, and of sensors: those are the replays'.
     """
     suspect = np.zeros(state.joints, dtype=bool) if state.sensors is None else suspect_sensors(state.sensors)
     seen = withhold(joint, suspect)
-    began = begin_work(state.filter_state, state.joints_per_arm, drift)
-    state = replace(state, filter_state=reopen_work(began, joint.opened))
+    began = begin_production(state.filter_state, state.joints_per_arm, drift)
+    state = replace(state, filter_state=reopen_production(began, joint.opened))
     state = age(state, joint.days, np.full(state.joints, np.nan), drift)
-    inside = inside_work(state.filter_state, seen.temperature_c, temperature.margin_k)
+    inside = inside_production(state.filter_state, seen.temperature_c, temperature.margin_k)
     before = swapped(state.filter_state)
     updated = update_filter(before, seen, np.full(state.joints, SLOTS), state.joints_per_arm, drift, replay_slot=state.slot)
     resolved = np.isfinite(seen.log_torque)
     learnt = resolved & updated.learnt_from
     updated = widen_range(observed(updated, resolved, learnt, state.joints_per_arm), seen.temperature_c, learnt)
     updated = remember_unconfirmed(before, updated, resolved)
-    counted = count_from_lowest(swapped(updated), joint.days, drift, joint.worked)
+    counted = count_from_lowest(swapped(updated), joint.days, drift, joint.awaiting_proof)
     return StepResult(replace(state, filter_state=counted), seen, inside, np.zeros(state.joints, dtype=bool))
 
 
@@ -251,7 +251,7 @@ def per_joint(state: DriftState, replay: Replay) -> JointReplay:
         slot=state.slot if replay.slot is None else np.where(here, np.repeat(replay.slot, J), state.slot),
         opened=here & of_arms(replay.opened, False),
         replaced=here & (np.zeros(N, dtype=bool) if replay.replaced is None else replay.replaced),
-        worked=np.zeros(N, dtype=bool) if replay.worked is None else replay.worked,
+        awaiting_proof=np.zeros(N, dtype=bool) if replay.awaiting_proof is None else replay.awaiting_proof,
         undeclared=of_arms(replay.undeclared, False),
         same_mass=of_arms(replay.same_mass, False),
         revolutions=np.full(N, np.nan) if replay.revolutions is None else np.where(here, replay.revolutions, np.nan),
@@ -349,11 +349,11 @@ def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings
     """
     sources = state.filter_state.sources
     counted_days = days if sources is None else sources.since_days + days  # revolutions are counted from replay to replay
-    work = update_usage(state.usage, revolutions, counted_days)
-    use = work.usual_days if sources is None else work.usual_days * days / np.maximum(counted_days, 1e-9)
-    rescaled = rescale_rate(state.filter_state, work.factor)
+    production = update_usage(state.usage, revolutions, counted_days)
+    use = production.usual_days if sources is None else production.usual_days * days / np.maximum(counted_days, 1e-9)
+    rescaled = rescale_rate(state.filter_state, production.factor)
     predicted = predict_filter(rescaled, days, state.joints_per_arm, drift, use)
-    return replace(state, usage=work.usage, filter_state=update_interval(predicted, days))
+    return replace(state, usage=production.usage, filter_state=update_interval(predicted, days))
 
 
 def remember_baseline(state: DriftState, observation: Observation, drift: DriftSettings) -> DriftState:

@@ -13,7 +13,7 @@ from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import joint_noise, likelihood_ratios
 
-WORK_TELLS_DAYS = 7.0  # [d] since work told of a joint: from then on replays alone tell of it
+PRODUCTION_TELLS_DAYS = 7.0  # [d] since work told of a joint: from then on replays alone tell of it
 DOUBT_SIGMA = 2.0  # of a step since one of the last replays
 DOUBT_REPLAYS = 8  # so many of them: an older step is what `suspected_rise` is for
 SUSPICIOUS = 0.33  # of the likelihood ratio from which replays find a change: 2.8 σ of 4.95. In healthy arms it asks for 34 replays a year
@@ -27,7 +27,9 @@ def suspected_rise(state: FilterState, settings: DriftSettings) -> np.ndarray:
     rises = np.maximum(state.glr_scores, 0.0)
     noise = joint_noise(state, np.zeros(state.joints), settings)  # beside work its variance has no effect
     # what only asks for a replay may be work's noise of some days: `of_work`
-    _, relative = likelihood_ratios(rises, expected, information, state.ages, enough, settings, noise, beside_work=True, of_work=0.0)
+    _, relative = likelihood_ratios(
+        rises, expected, information, state.ages, enough, settings, noise, beside_production=True, of_production=0.0
+    )
     suspected: np.ndarray = np.max(relative, axis=(1, 2)) > SUSPICIOUS
     return suspected
 
@@ -36,7 +38,7 @@ def doubted_rise(state: FilterState) -> np.ndarray:
     """(N,) whether the last replays make a step likely in a joint of which replays alone tell. An outlier counts in full."""
     alone = np.ones(state.joints, dtype=bool)
     if state.sources is not None:
-        alone = (state.sources.other_number == 0) | (state.sources.other_since_days > WORK_TELLS_DAYS)
+        alone = (state.sources.other_number == 0) | (state.sources.other_since_days > PRODUCTION_TELLS_DAYS)
     expected = state.glr_informations[:, 0] * state.chance.of_starts()[:, 0]  # (N, W)
     young = (state.ages < DOUBT_REPLAYS) & (expected > 0)
     sigmas = np.where(young, state.raw_glr_scores[:, 0] / np.sqrt(np.where(young, expected, 1.0)), 0.0)

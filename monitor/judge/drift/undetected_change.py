@@ -74,7 +74,7 @@ def unseen_step(state: FilterState, joints_per_arm: int, settings: DriftSettings
     row = np.arange(N)
     information = state.glr_informations[row, 0, first] / state.chance.of_starts()[row, 0, first]
     noise = joint_noise(state, state.noise_var(joints_per_arm, settings), settings)
-    needed = thresholds(state.ages, settings, noise, beside_work=state.sources is not None)
+    needed = thresholds(state.ages, settings, noise, beside_production=state.sources is not None)
     threshold = np.sqrt(needed[row, 0, first])
     log_rise = (threshold + FOUND_SIGMAS) / np.sqrt(np.maximum(information, 1e-12))
     known = old_enough.any(axis=1) & (log_rise <= NOTHING_KNOWN)

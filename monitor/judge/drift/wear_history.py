@@ -12,7 +12,7 @@ import numpy as np
 from monitor.recording import Array
 
 BLOCKS = 48  # B: with 1000 days of history a block is 6 % of (age + 60 days) wide: 4 days now, 33 days half-way back
-COUNT, WORK_AGE, AGE, SLOPE_SUM, CURVE_SUM, LAG_SUM, LEVELS_SUM = range(
+COUNT, PRODUCTION_AGE, AGE, SLOPE_SUM, CURVE_SUM, LAG_SUM, LEVELS_SUM = range(
     7
 )  # the first sums of a block; then one for each slot, and log torque
 RECENT_DAYS = 60.0  # [d] a younger past is kept about evenly
@@ -25,18 +25,18 @@ def empty_history(joints: int, slots: int) -> Array:
     return np.zeros((joints, BLOCKS, LEVELS_SUM + slots + 1))
 
 
-def age_history(history: Array, work: Array, days: Array) -> Array:
+def age_history(history: Array, production: Array, days: Array) -> Array:
     """The history `days` (N,) later, after `work` (N,) usual days of work."""
     older = history.copy()
-    older[:, :, WORK_AGE] += history[:, :, COUNT] * work[:, None]
+    older[:, :, PRODUCTION_AGE] += history[:, :, COUNT] * production[:, None]
     older[:, :, AGE] += history[:, :, COUNT] * days[:, None]
     return older
 
 
-def rescale_work(history: Array, factor: Array) -> Array:
+def rescale_production(history: Array, factor: Array) -> Array:
     """The history after a usual day of work became `factor` (N,) times as much work: the same work took fewer usual days."""
     rescaled = history.copy()
-    rescaled[:, :, WORK_AGE] /= factor[:, None]
+    rescaled[:, :, PRODUCTION_AGE] /= factor[:, None]
     return rescaled
 
 
@@ -112,7 +112,7 @@ def history_of_posterior(level: Array, wear: Array, rate: Array, *, sure: np.nda
     count = np.maximum(np.repeat(np.stack([rising, days - rising], axis=1), SEEDED, axis=1) / SEEDED, FULL)
     seeded = history[:, : 2 * SEEDED]
     seeded[..., COUNT] = count
-    seeded[..., WORK_AGE] = seeded[..., AGE] = count * ages
+    seeded[..., PRODUCTION_AGE] = seeded[..., AGE] = count * ages
     seeded[np.arange(N), :, LEVELS_SUM + slot] = count
     seeded[..., -1] = count * (level[:, None] + worn)
     begun = empty_history(N, slots)

@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.judge.torque.predictor import TorquePrediction
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 MAX_STEP_S = 1.0  # a longer pause between samples counts as so long
@@ -37,7 +37,7 @@ class ResidualSettings:
     min_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # … and so many looks in a row are above that rise
 
 
-class WorkSample(NamedTuple):
+class ProductionSample(NamedTuple):
     """One sample of the arm at work, (J,) each."""
 
     measured_nm: Array
@@ -78,7 +78,7 @@ def initial(joints: int, revision: int) -> ProductionResiduals:
 
 
 def update(
-    before: ProductionResiduals | None, revision: int, predicted: TorquePrediction, sample: WorkSample, settings: ResidualSettings
+    before: ProductionResiduals | None, revision: int, predicted: TorquePrediction, sample: ProductionSample, settings: ResidualSettings
 ) -> ProductionResiduals:
     """The residuals with one more sample. A model of another revision begins anew.
 

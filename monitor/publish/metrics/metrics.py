@@ -81,8 +81,8 @@ def families(last: Mapping[str, Any]) -> Iterator[Metric]:
     yield from _alerts({key: document for key, document in last.items() if key.startswith("alert/")}, who, family)
     yield from _friction({key: document for key, document in last.items() if key.endswith("/friction")}, who, family)
     yield from _monitor(last.get("monitor", {}), who, family)
-    if "from_work" in last:
-        yield from _from_work(last["from_work"], who, family)
+    if "from_production" in last:
+        yield from _from_production(last["from_production"], who, family)
     if "inspection" in last:
         yield from inspection_families(last["inspection"], who)
 
@@ -126,15 +126,15 @@ def _monitor(monitor: Mapping[str, Any], who: list[str], family: Callable[..., G
     yield ended
 
 
-def _from_work(found: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
+def _from_production(found: Mapping[str, Any], who: list[str], family: Callable[..., GaugeMetricFamily]) -> Iterator[Metric]:
     """What came from ordinary work, where it is judged."""
-    share = family("joint_monitor_work_share", "Information that ordinary work holds of this joint, beside what is needed", "joint")
+    share = family("joint_monitor_production_share", "Information that ordinary work holds of this joint, beside what is needed", "joint")
     learnt = family("joint_monitor_observations", "Of this joint that were learnt from, by their source", "joint", "source")
     for each in found["joints"]:
         joint = [*who, str(each["joint"])]
         if each["share"] is not None:
             share.add_metric(joint, float(each["share"]))
-        for source, key in (("replay", "learnt_from_replays"), ("work", "learnt_from_work")):
+        for source, key in (("replay", "learnt_from_replays"), ("production", "learnt_from_production")):
             learnt.add_metric([*joint, source], float(each[key]))
     needed = family("joint_monitor_replay_needed_timestamp_seconds", "From when the next replay is needed; 0: now")
     needed.add_metric(who, _time(found["next_replay"]["needed_from"]) or 0.0)

@@ -18,7 +18,7 @@ from monitor.publish.inspection_documents import InspectedRequest, UndoInspected
 from monitor.publish.timestamps import outside
 from monitor.service.bus.publisher import Publisher
 from monitor.service.history.inspection import declare
-from monitor.service.history.work import Declared, declare_work, undo_work
+from monitor.service.history.maintenance import Declared, declare_maintenance, undo_maintenance
 from monitor.service.processes.apart import ComputingFailed
 from monitor.service.shared_state import SharedState
 from monitor.store.store import RESTORED, Store
@@ -50,7 +50,7 @@ class AlertChanges:
     def serviced(self, request: ServicedRequest) -> dict[str, Any]:
         """Declare work on a joint; returns the answer to the command. Raises BadInput where the request does not fit this arm."""
         with self._state.revising:
-            declared = declare_work(self._store, self._state.configuration, self._state.estimator, request, self._now())
+            declared = declare_maintenance(self._store, self._state.configuration, self._state.estimator, request, self._now())
             self._take(declared)
         log.info("joint=%d serviced kind=%s by=%r why=%r", request.joint, request.kind, request.by, request.why)
         return declared.answer
@@ -59,7 +59,7 @@ class AlertChanges:
         """Take the last declared work on a joint back; returns the answer to the command. Raises BadInput where that is not possible."""
         with self._state.revising:
             try:
-                declared = undo_work(self._store, self._state.estimator, request, self._now(), self._state.compute)
+                declared = undo_maintenance(self._store, self._state.estimator, request, self._now(), self._state.compute)
             except ComputingFailed as error:
                 raise BadInput(f"serviced: nothing was changed, try again: {error}") from None
             self._take(declared)
@@ -76,8 +76,8 @@ class AlertChanges:
     def _take(self, declared: Declared) -> None:
         """Take the state after work, and publish what it changed. The caller holds `revising`."""
         self._state.take_amended(declared.state)
-        self._publisher.work(declared.answer["work"])
-        self._publisher.newest_friction(int(declared.answer["work"]["joint"]))
+        self._publisher.act(declared.answer["maintenance"])
+        self._publisher.newest_friction(int(declared.answer["maintenance"]["joint"]))
         for alert in declared.alerts:
             self._publisher.alert(alert)
         self._publisher.health()

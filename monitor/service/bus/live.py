@@ -10,7 +10,7 @@ from monitor.acquire.listen import LiveState
 from monitor.publish.bus import Bus
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Array
-from monitor.service.bus.production import Production, Sample
+from monitor.service.bus.production import ProductionMotion, Sample
 from monitor.service.bus.publisher import Publisher
 from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.shared_state import SharedState
@@ -53,7 +53,7 @@ class LiveComparison:
         self,
         state: SharedState,
         publisher: Publisher,
-        production: Production,
+        production: ProductionMotion,
         requests: ReplayRequests | None,
         now: Callable[[], float],
     ) -> None:
@@ -103,10 +103,10 @@ class LiveFeed:
     """Hands the newest state of the arm's link to the comparison at its rate, and says on the bus whether the arm is received."""
 
     def __init__(
-        self, comparison: LiveComparison, bus: Bus, link: ArmLink, work: Worker | None = None, duty: Counter | None = None
+        self, comparison: LiveComparison, bus: Bus, link: ArmLink, production: Worker | None = None, duty: Counter | None = None
     ) -> None:
         """Work : None where nobody learns from ordinary work. duty : None where nobody counts hours and stops."""
-        self._comparison, self._bus, self._link, self._work, self._duty = comparison, bus, link, work, duty
+        self._comparison, self._bus, self._link, self._production, self._duty = comparison, bus, link, production, duty
         self._due = 0.0  # monotonic
 
     def wait(self, stopping: threading.Event) -> bool:
@@ -122,8 +122,8 @@ class LiveFeed:
         """Compare the newest sample, unless none has come or the next one is not due."""
         period_s = 1.0 / self._comparison.rate_hz
         fresh = self._link.poll()
-        if self._work is not None:
-            self._work.take(self._link.rows)
+        if self._production is not None:
+            self._production.take(self._link.rows)
         if self._duty is not None:
             self._duty.take(fresh)
         # a row may come a little early, and is not left out for it

@@ -14,8 +14,8 @@ from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import (
     ProductionEvidence,
     ProductionResiduals,
+    ProductionSample,
     ResidualSettings,
-    WorkSample,
     earlier_replay_reason,
     production_evidence,
     update,
@@ -35,7 +35,7 @@ class Sample(NamedTuple):
     measured_nm: Array
 
 
-class Production:
+class ProductionMotion:
     """Counts revolutions and collects torque residuals since the last replay.
 
     Several threads use it: the main loop counts, the scheduler's thread takes the count and starts a new one, and any thread that
@@ -80,7 +80,7 @@ class Production:
     def worked(self, model: CompensatedModel, predicted: TorquePrediction, sample: Sample, dt_s: float) -> None:
         """Compare one sample of work with the model's prediction."""
         with self._lock:
-            one = WorkSample(sample.measured_nm, sample.qd, sample.qdd, dt_s)
+            one = ProductionSample(sample.measured_nm, sample.qd, sample.qdd, dt_s)
             self._residuals = update(self._residuals, model.revision, predicted, one, self._settings)
 
     def revolutions(self, at_unix_s: float) -> tuple[float, ...] | None:

@@ -12,10 +12,10 @@ from monitor.publish.bus import Bus
 from monitor.publish.health_document import published_health
 from monitor.publish.timestamps import outside
 from monitor.service.bus.info import info
-from monitor.service.bus.production import Production
-from monitor.service.history.from_work import from_work_document
+from monitor.service.bus.production import ProductionMotion
+from monitor.service.history.from_production import from_production_document
 from monitor.service.history.inspection import inspection_document
-from monitor.service.history.work import friction_known, row_document
+from monitor.service.history.maintenance import friction_known, row_document
 from monitor.service.needed import need_document, needed
 from monitor.service.shared_state import SharedState
 from monitor.store.history.events import AlertEvent
@@ -25,7 +25,7 @@ from monitor.store.store import Store
 class Publisher:
     """Publishes what the shared state and the history hold. Any thread may call it; nothing in it blocks for long."""
 
-    def __init__(self, bus: Bus, state: SharedState, store: Store, production: Production, now: Callable[[], float]) -> None:
+    def __init__(self, bus: Bus, state: SharedState, store: Store, production: ProductionMotion, now: Callable[[], float]) -> None:
         self._bus, self._state, self._store, self._production, self._now = bus, state, store, production, now
         self._started_at_unix_s = now()
 
@@ -40,10 +40,10 @@ class Publisher:
         self.info()
         for joint in range(1, self._state.robot.joints + 1):
             self.newest_friction(joint)
-        for row in self._store.works.rows():  # of each joint the last one stays
-            self.work(row_document(row))
+        for row in self._store.maintenance.rows():  # of each joint the last one stays
+            self.act(row_document(row))
         self.judgement()
-        self.from_work()
+        self.from_production()
         self.inspection()
 
     def info(self) -> None:
@@ -93,14 +93,14 @@ class Publisher:
             known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
             self.say("friction", {key: value for key, value in known.items() if key != "replay"}, joint=joint)
 
-    def from_work(self) -> None:
+    def from_production(self) -> None:
         """Publish what came from the arm's ordinary work, and how far the next replay is; nothing before the first day of work."""
         estimator = self._state.estimator
         settings = self._state.configuration.schedule
         found = needed(settings, self._store, estimator.belief, self._state.health)
-        document = from_work_document(self._store, estimator, need_document(settings, found))
+        document = from_production_document(self._store, estimator, need_document(settings, found))
         if document is not None:
-            self.say("from-work", document)
+            self.say("from-production", document)
 
     def inspection(self) -> None:
         """Publish operating hours, stops and checks; nothing where [inspection] asks for none. Raises StoreError."""
@@ -108,9 +108,9 @@ class Publisher:
         if document is not None:
             self.say("inspection", document)
 
-    def work(self, document: dict[str, Any]) -> None:
+    def act(self, document: dict[str, Any]) -> None:
         """Publish the last work on one joint."""
-        self._bus.say("work", document, joint=document["joint"])
+        self._bus.say("maintenance", document, joint=document["joint"])
 
     def alert(self, alert: Alert) -> None:
         """Publish the present state of one alert."""

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.assess import AssessSettings, Rejected, assess
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, alert_from_document, health_from_document
 from monitor.judge.alerts.health import Alert, Health, Transition
+from monitor.judge.assess import AssessSettings, Rejected, assess
 from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
-from monitor.judge.drift.work import Work
+from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.live_torque import sample_var
@@ -57,7 +57,7 @@ class Verdict:
     model: CompensatedModel
     sample_var: Array | None  # (J,) what the recording says of the noise of samples, where the model does not
     transitions: tuple[Transition, ...]
-    works: tuple[Work, ...]
+    maintenance: tuple[Maintenance, ...]
 
 
 class Inputs(NamedTuple):
@@ -179,7 +179,7 @@ def _verdict(assessment: Assessment, recording: Recording, inputs: Inputs) -> Ve
         model=assessment.model,
         sample_var=sample_var(assessment.model, inputs.robot, inputs.gains, recording),
         transitions=assessment.transitions,
-        works=assessment.works,
+        maintenance=assessment.maintenance,
     )
 
 
@@ -201,7 +201,7 @@ def enter(
         model=outcome.model.as_document(),
         events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         made_with=made_with(configuration),
-        works=[plain(work) for work in outcome.works],
+        maintenance=[plain(act) for act in outcome.maintenance],
     )
     return HistoryEntry(outcome, events)
 

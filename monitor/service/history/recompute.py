@@ -10,17 +10,17 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from monitor.assess import AssessSettings, Rejected, model_after
 from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, BadInput
 from monitor.judge.alerts.documents import alert_from_document, health_from_document
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.states import with_service_alert
+from monitor.judge.assess import AssessSettings, Rejected, model_after
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.prior import FleetPrior, prior_from_plain
-from monitor.judge.learn_work import WorkAssessment, assess_work
+from monitor.judge.learn_production import ProductionAssessment, assess_production
+from monitor.judge.production_observation import context_from_document, production_observation_from_document
 from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.work_observation import context_from_document, work_observation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, Inputs, assessed, robot_digest
@@ -28,8 +28,8 @@ from monitor.service.processes.apart import HERE, Compute
 from monitor.store.formats.recordings import read_recording
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.history.events import AlertEvent
-from monitor.store.history.ordinary_work import DayOfWork
-from monitor.store.history.works import Amendment
+from monitor.store.history.maintenance import Amendment
+from monitor.store.history.production import DayOfProduction
 from monitor.store.provenance import differences, provenance
 from monitor.store.store import Store
 
@@ -37,7 +37,7 @@ MOST_LISTED = 20  # assessments in the list of differences, and figures of each
 # beginnings of the reason why a verdict cannot be repeated: its recording is not there any more, or is not the one that was made
 GONE, CHANGED = "gone: ", "changed: "
 
-Change = AlertEvent | Amendment | DayOfWork  # of the estimator's state between two replays
+Change = AlertEvent | Amendment | DayOfProduction  # of the estimator's state between two replays
 
 
 class Repeated(NamedTuple):
@@ -266,24 +266,24 @@ def _repeated_since(store: Store, start: EstimatorState, since_unix_s: float, mo
 def changes_of(store: Store) -> list[Change]:
     """What people and the monitor itself changed between replays, in order: a state is amended before the transitions that followed."""
     changes: list[Change] = [event for event in store.events.rows() if event.ledger_id is None]
-    return sorted([*store.works.amendments(), *store.ordinary_work.rows(), *changes], key=lambda change: change.at_unix_s)
+    return sorted([*store.maintenance.amendments(), *store.production.rows(), *changes], key=lambda change: change.at_unix_s)
 
 
 def amended(store: Store, state: EstimatorState | None, changes: list[Change]) -> EstimatorState | None:
     """The state after changes between two replays; None where it is not known. An amendment holds it as it was."""
     for change in changes:
         if isinstance(change, Amendment):
-            belief, health = store.works.amended(change)
+            belief, health = store.maintenance.amended(change)
             model = None if state is None else state.model
             state = EstimatorState(belief=belief_from_document(belief), health=health_from_document(health), model=model)
-        elif isinstance(change, DayOfWork):
-            state = None if state is None else _with_work(store, state, change)
+        elif isinstance(change, DayOfProduction):
+            state = None if state is None else _with_production(store, state, change)
         elif state is not None:
             state = _with_alert_changes(state, [change])
     return state
 
 
-def _with_work(store: Store, state: EstimatorState, day: DayOfWork) -> EstimatorState:
+def _with_production(store: Store, state: EstimatorState, day: DayOfProduction) -> EstimatorState:
     """The state after a day of ordinary work, judged once more."""
     if state.belief is None or state.health is None or not state.health.joints:
         return state
@@ -292,10 +292,10 @@ def _with_work(store: Store, state: EstimatorState, day: DayOfWork) -> Estimator
     return EstimatorState(belief=verdict.belief, health=verdict.health, model=state.model)
 
 
-def judge_day(day: DayOfWork, belief: Belief, health: Health, settings: AssessSettings) -> WorkAssessment:
+def judge_day(day: DayOfProduction, belief: Belief, health: Health, settings: AssessSettings) -> ProductionAssessment:
     """The verdict of a stored day of ordinary work upon a belief and a health. Raises BadInput where the belief has learnt of later."""
-    return assess_work(
-        work_observation_from_document(day.document),
+    return assess_production(
+        production_observation_from_document(day.document),
         context_from_document(day.context),
         belief=belief,
         health=health,

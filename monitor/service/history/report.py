@@ -15,9 +15,9 @@ from monitor.judge.belief import belief_from_document
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.history.from_work import from_work_document
+from monitor.service.history.from_production import from_production_document
 from monitor.service.history.inspection import inspection_document, stop_document
-from monitor.service.history.work import row_document
+from monitor.service.history.maintenance import row_document
 from monitor.service.needed import need_document, needed
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.stops import Stop
@@ -61,8 +61,8 @@ def report(
             "joints": _newest(rows),
             "stale": _stale(rows, begin, min(end, now_unix_s), configuration),
             "alerts": _alerts(until, state.health if state else None, begin, end),
-            "works": _works(store, begin, end),
-            **_from_work(configuration, store),
+            "maintenance": _maintenance(store, begin, end),
+            **_from_production(configuration, store),
             **_inspection(configuration, store, begin, end, now_unix_s),
             "events": [{"seq": event.seq, "at_unix_s": event.at_unix_s, **_short(event.document)} for event in events],
             "contexts": contexts,
@@ -200,15 +200,15 @@ def _graver(before: Mapping[str, Any] | None, alert: Mapping[str, Any]) -> dict[
     return max(known, now, key=lambda one: (TIERS.index(one["tier"]), abs(one["change"])))
 
 
-def _from_work(configuration: Configuration, store: Store) -> dict[str, Any]:
+def _from_production(configuration: Configuration, store: Store) -> dict[str, Any]:
     """What came from ordinary work, and how far the next replay is; nothing where no day of work was judged."""
     state = store.assessments.state()
-    if state is None or not store.ordinary_work.rows(limit=1):
+    if state is None or not store.production.rows(limit=1):
         return {}
     known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
     settings = configuration.schedule
     found = needed(settings, store, known.belief, known.health)
-    return {"from_work": from_work_document(store, known, need_document(settings, found))}
+    return {"from_production": from_production_document(store, known, need_document(settings, found))}
 
 
 def _inspection(configuration: Configuration, store: Store, begin: float, end: float, now_unix_s: float) -> dict[str, Any]:
@@ -220,9 +220,9 @@ def _inspection(configuration: Configuration, store: Store, begin: float, end: f
     return {"inspection": {**document, "last_stops": [stop_document(stop) for stop in stops[-STOPS_SHOWN:]], "stops_period": len(stops)}}
 
 
-def _works(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
+def _maintenance(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
     """Work on joints that was done or declared in the period; what was taken back before its end says so."""
-    rows = store.works.rows()
+    rows = store.maintenance.rows()
     return [row_document(row) for row in rows if begin <= row.declared_at_unix_s < end or begin <= row.document["at_unix_s"] < end]
 
 

@@ -23,9 +23,9 @@ from monitor.publish.torque_query import torque_answer
 from monitor.recording import DAY_S
 from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState, early_alerts
-from monitor.service.history.from_work import from_work_document
+from monitor.service.history.from_production import from_production_document
 from monitor.service.history.inspection import inspection_document
-from monitor.service.history.work import friction_known, row_document
+from monitor.service.history.maintenance import friction_known, row_document
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.service.needed import need_document, needed
 from monitor.store.backup import present
@@ -34,7 +34,7 @@ from monitor.store.history.borrows import Borrow
 from monitor.store.history.ledger import LedgerRow, Try
 from monitor.store.store import Store
 
-WORKS_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
+MAINTENANCE_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
 LEDGER_ROWS = 10  # newest windows that `status` shows
 WINDOWS_SHOWN = 5  # newest past windows that `schedule` shows
 
@@ -49,14 +49,14 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
     with Store.reader(configuration.state_directory) as store:
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
-        works = [row_document(row) for row in store.works.rows() if row.in_force][-WORKS_SHOWN:]
+        maintenance = [row_document(row) for row in store.maintenance.rows() if row.in_force][-MAINTENANCE_SHOWN:]
         if state is not None and (replays := state.belief.get("track", {}).get("replays")):
             newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
         recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries, borrows = store.ledger.tries(ledger), store.borrows.of(ledger)
         early = [] if state else early_alerts(store)
-        from_work = _from_work(store, state, configuration)
+        from_production = _from_production(store, state, configuration)
         inspection = inspection_document(configuration.inspection, store, now_unix_s)
     document = {
         "said_at": rfc3339(now_unix_s),
@@ -65,8 +65,8 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
         "early_alerts": [outside(alert_document(alert)) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
-        "works": works,
-        **({} if from_work is None else {"from_work": outside(from_work)}),
+        "maintenance": maintenance,
+        **({} if from_production is None else {"from_production": outside(from_production)}),
         **({} if inspection is None else {"inspection": outside(inspection)}),
         "monitor": monitor,
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
@@ -115,13 +115,13 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
     }
 
 
-def _from_work(store: Store, state: StoredState | None, configuration: Configuration) -> dict[str, Any] | None:
+def _from_production(store: Store, state: StoredState | None, configuration: Configuration) -> dict[str, Any] | None:
     """What came from work; None where none was judged: then nothing of the state is read."""
-    if state is None or not store.ordinary_work.rows(limit=1):
+    if state is None or not store.production.rows(limit=1):
         return None
     known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
     settings = configuration.schedule
-    return from_work_document(store, known, need_document(settings, needed(settings, store, known.belief, known.health)))
+    return from_production_document(store, known, need_document(settings, needed(settings, store, known.belief, known.health)))
 
 
 def _need(store: Store | None, settings: ScheduleSettings) -> Need:

@@ -8,10 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from monitor.assess import Rejected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.identify.signals.same_motion import with_motions
+from monitor.judge.assess import Rejected
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.work.rows import EXTRA_COLUMNS, WorkRows
+from monitor.identify.production.rows import EXTRA_COLUMNS, ProductionRows
 from monitor.recording import JOINT_COLUMNS, Array, Recording
 
 SCALAR_COLUMNS = {
@@ -29,13 +29,13 @@ class Layout(NamedTuple):
     joints: dict[str, list[int]]  # field of Recording → its J columns
     width: int  # fields a row
     payload: int | None = None  # column of the payload register
-    work: Mapping[str, list[int]] = MappingProxyType({})  # field of WorkRows → its column, or its columns
+    production: Mapping[str, list[int]] = MappingProxyType({})  # field of WorkRows → its column, or its columns
 
     @property
     def read(self) -> list[int]:
         """Every column that is read."""
         payload = [] if self.payload is None else [self.payload]
-        several = [*self.joints.values(), *self.work.values()]
+        several = [*self.joints.values(), *self.production.values()]
         return [*self.scalars.values(), *(k for ks in several for k in ks), *payload]
 
 
@@ -45,12 +45,13 @@ def signals_of(layout: Layout, column: Callable[[int], Array]) -> dict[str, Any]
     return signals | {field: np.stack([column(k) for k in ks], axis=1) for field, ks in layout.joints.items()}
 
 
-def work_rows(recording: Recording, layout: Layout, column: Callable[[int], Array]) -> WorkRows:
+def production_rows(recording: Recording, layout: Layout, column: Callable[[int], Array]) -> ProductionRows:
     """The recording with the columns that only work needs; arguments as for `signals_of`."""
     extra = {
-        field: np.stack([column(k) for k in ks], axis=1) if EXTRA_WIDTHS[field] else column(ks[0]) for field, ks in layout.work.items()
+        field: np.stack([column(k) for k in ks], axis=1) if EXTRA_WIDTHS[field] else column(ks[0])
+        for field, ks in layout.production.items()
     }
-    return WorkRows(recording=recording, **extra)
+    return ProductionRows(recording=recording, **extra)
 
 
 def column_names() -> dict[str, str]:
@@ -102,10 +103,10 @@ def layout_by_name(source: str, names: Sequence[str]) -> Layout:
     width = len(names)
     while width and not names[width - 1]:
         width -= 1  # separators that a spreadsheet left at the end of the line
-    return Layout(scalars, joints, width, names.index("payload") if "payload" in names else None, _work_columns(names))
+    return Layout(scalars, joints, width, names.index("payload") if "payload" in names else None, _production_columns(names))
 
 
-def _work_columns(names: Sequence[str]) -> dict[str, list[int]]:
+def _production_columns(names: Sequence[str]) -> dict[str, list[int]]:
     """The columns that only work needs, of a header: those of a field are all there, or the field is left out."""
     found = {}
     for name, (field, count) in EXTRA_COLUMNS.items():
@@ -122,7 +123,7 @@ def parse_columns(spec: str) -> Layout:
     """
     scalars: dict[str, int] = {}
     joints: dict[str, list[int]] = {}
-    work: dict[str, list[int]] = {}
+    production: dict[str, list[int]] = {}
     width = 0
     for name, count in _spec_parts(spec):
         if name in SCALAR_COLUMNS:
@@ -133,9 +134,9 @@ def parse_columns(spec: str) -> Layout:
             joints.setdefault(JOINT_COLUMNS[name], []).extend(range(width, width + count))
         elif name in EXTRA_COLUMNS:
             field, expected = EXTRA_COLUMNS[name]
-            if count != max(expected, 1) or field in work:
+            if count != max(expected, 1) or field in production:
                 raise BadInput(f"--columns: {name} has {max(expected, 1)} columns, once; found {name}:{count} or a second one")
-            work[field] = list(range(width, width + count))
+            production[field] = list(range(width, width + count))
         elif name != "skip":
             raise BadInput(
                 f"--columns: {name!r} is not known; known are {', '.join([*SCALAR_COLUMNS, *JOINT_COLUMNS, *EXTRA_COLUMNS, 'skip'])}"
@@ -148,7 +149,7 @@ def parse_columns(spec: str) -> Layout:
             raise BadInput(
                 f"--columns: {column_names()[field]} has {len(places)} columns, actual_q has {len(joints['q'])}; expected as many"
             )
-    return Layout(scalars, joints, width, work["payload_kg"][0] if "payload_kg" in work else None, work)
+    return Layout(scalars, joints, width, production["payload_kg"][0] if "payload_kg" in production else None, production)
 
 
 def _spec_parts(spec: str) -> Iterator[tuple[str, int]]:

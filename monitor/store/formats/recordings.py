@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.errors import BadInput, StoreError
-from monitor.identify.work.rows import WorkRows
+from monitor.identify.production.rows import ProductionRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.formats.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, signals_of, work_rows
+from monitor.store.formats.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, production_rows, signals_of
 from monitor.store.formats.text_recordings import read_text
 
 if TYPE_CHECKING:
@@ -31,10 +31,10 @@ def read_recording(path: str | Path, columns: str | None = None) -> Recording:
 
     Raises BadInput for a file that is missing, unreadable, no recording, or laid out otherwise.
     """
-    return read_work(path, columns).recording
+    return read_production(path, columns).recording
 
 
-def read_work(path: str | Path, columns: str | None = None) -> WorkRows:
+def read_production(path: str | Path, columns: str | None = None) -> ProductionRows:
     """`read_recording` with the columns that only work needs, as far as the file has them. Raises as `read_recording`."""
     path = Path(path)
     try:
@@ -140,7 +140,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be kept in a recording's metadata")
 
 
-def _of_parquet(source: Any, where: str, columns: str | None = None) -> WorkRows:
+def _of_parquet(source: Any, where: str, columns: str | None = None) -> ProductionRows:
     """A recording; `columns` is for files whose names do not say where the positions are."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -168,7 +168,7 @@ def _of_parquet(source: Any, where: str, columns: str | None = None) -> WorkRows
     about = (table.schema.metadata or {}).get(METADATA)
     if about is None:
         payload = None if layout.payload is None else constant_value(column(layout.payload))
-        return work_rows(Recording(**signals, context=Context(payload_kg=payload), source=name), layout, column)
+        return production_rows(Recording(**signals, context=Context(payload_kg=payload), source=name), layout, column)
     try:
         document = json.loads(about)
         recording = Recording(
@@ -176,7 +176,7 @@ def _of_parquet(source: Any, where: str, columns: str | None = None) -> WorkRows
         )
     except (ValueError, KeyError, TypeError) as wrong:
         raise BadInput(f"{where}: its metadata is not a joint-monitor recording's: {wrong!r}") from None
-    return work_rows(recording, layout, column)
+    return production_rows(recording, layout, column)
 
 
 def _seconds(values: np.ndarray) -> Array:

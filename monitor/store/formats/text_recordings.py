@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.work.rows import WorkRows
+from monitor.identify.production.rows import ProductionRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.formats.columns import Layout, constant_value, layout_by_name, parse_columns, signals_of, work_rows
+from monitor.store.formats.columns import Layout, constant_value, layout_by_name, parse_columns, production_rows, signals_of
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
@@ -20,7 +20,7 @@ _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, xz, zstd
 
 
-def read_text(path: Path, columns: str | None) -> WorkRows:
+def read_text(path: Path, columns: str | None) -> ProductionRows:
     """A recording from text, with the columns that only work needs.
 
     columns : what stands in a file without RTDE's names. Raises BadInput where the file is none.
@@ -80,7 +80,7 @@ def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bo
     return all(not any(_split(line, separator)[width:]) for line in lines[:100])
 
 
-def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> WorkRows:
+def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> ProductionRows:
     rows = np.full((len(lines), layout.width), np.nan)
     decimal_comma, wanted, time = separator != ",", layout.read, layout.scalars["t_s"]
     for row, line in zip(rows, lines, strict=True):
@@ -103,7 +103,7 @@ def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str 
 
     payload = None if layout.payload is None else constant_value(column(layout.payload))
     recording = Recording(**signals_of(layout, column), context=Context(payload_kg=payload), source=path.name)
-    return work_rows(recording, layout, column)
+    return production_rows(recording, layout, column)
 
 
 def _number(text: str, decimal_comma: bool) -> float:

@@ -8,11 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.assess import AssessSettings, Rejected, assess
 from monitor.errors import BadInput
 from monitor.identify.signals.same_motion import with_motions
 from monitor.judge.alerts.documents import alert_document
 from monitor.judge.alerts.reasons.why_not import why_not_alerting
+from monitor.judge.assess import AssessSettings, Rejected, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.model.robot import Mounting, Robot

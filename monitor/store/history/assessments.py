@@ -12,7 +12,7 @@ import orjson
 from monitor.errors import StoreError
 from monitor.store.history.database import Database, json_text, packed, unpacked
 from monitor.store.history.events import AlertEvent, insert_events
-from monitor.store.history.works import insert_works
+from monitor.store.history.maintenance import insert_maintenance
 
 CHECKPOINT_EVERY = (
     30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day
@@ -68,7 +68,7 @@ class Assessments:
         model: Mapping[str, Any],
         events: Sequence[Mapping[str, Any]],
         made_with: Mapping[str, Any] | None = None,
-        works: Sequence[Mapping[str, Any]] = (),
+        maintenance: Sequence[Mapping[str, Any]] = (),
     ) -> list[AlertEvent]:
         """Store one assessment with everything that follows from it, and its provenance, in one transaction.
 
@@ -93,7 +93,7 @@ class Assessments:
             ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
             if revision % CHECKPOINT_EVERY == 1:
                 db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, packed(belief), packed(health)))
-            insert_works(db, ledger_id, works)
+            insert_maintenance(db, ledger_id, maintenance)
             return insert_events(db, ledger_id, at_unix_s, events)
 
     def state(self) -> StoredState | None:
@@ -217,7 +217,7 @@ class Assessments:
         with self._db.transaction() as db:
             later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
             for ledger_id in later:
-                for name in ("friction", "checkpoint", "assessment", "work"):
+                for name in ("friction", "checkpoint", "assessment", "maintenance"):
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
                 db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))

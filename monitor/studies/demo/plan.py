@@ -20,7 +20,7 @@ WEEKEND = (5, 6)  # days of the week, counted from Monday
 DUTY_BEFORE_REPLAY = (0.0, 0.15, 0.4, 0.7)  # of the last hour, day after day: the replays find the joints cold and warm
 ROOM_C = 22.0
 SEASON_K, SEASON_DAYS = 2.5, 9.0  # amplitude and period of the room's slow change, so that temperatures do not repeat every week
-WORK_WARMS_ROOM_K = 2.0
+PRODUCTION_WARMS_ROOM_K = 2.0
 COLD_DAYS = {7: -9.0, 21: -7.0}  # day → change of the room [K]: Mondays after a weekend without heating
 REFERENCE_C = 27.0  # true friction is compared at one temperature: about that of a joint in this room
 

@@ -8,8 +8,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from monitor.model.joint_names import joint_name
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import joint_name
 from monitor.studies.demo.bus import Received
 from monitor.studies.demo.plan import DAYS, ONSET_DAY, WEARING_JOINT, DemoState
 from monitor.studies.demo.ticker import Ticker

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from monitor.model.joint_names import joint_name, joint_text
+from monitor.reason import joint_name, joint_text
 from monitor.studies.demo.bus import Received
 from monitor.studies.demo.plan import DAYS, WEARING_JOINT, DemoState
 from monitor.studies.demo.screen import percent, wear_percent

@@ -23,6 +23,7 @@ from monitor.studies.demo.plan import (
     DUTY,
     DUTY_BEFORE_REPLAY,
     ONSET_DAY,
+    PRODUCTION_WARMS_ROOM_K,
     REFERENCE_C,
     ROOM_C,
     SEASON_DAYS,
@@ -31,7 +32,6 @@ from monitor.studies.demo.plan import (
     WEARING_JOINT,
     WEEKEND,
     WEEKEND_DUTY,
-    WORK_WARMS_ROOM_K,
     WORKING_H,
     DemoState,
 )
@@ -86,7 +86,7 @@ def pass_day(remote: Remote, state: DemoState, day: int) -> None:
     if day > 0:
         state.clock_unix_s += DAY_S
         duty = WEEKEND_DUTY if day % 7 in WEEKEND else DUTY
-        remote.advance(hours=WORKING_H, ambient_c=season_c + WORK_WARMS_ROOM_K, duty=duty)
+        remote.advance(hours=WORKING_H, ambient_c=season_c + PRODUCTION_WARMS_ROOM_K, duty=duty)
         remote.advance(hours=24.0 - WORKING_H - 1.0, ambient_c=state.ambient_c, duty=0.0)
     remote.advance(hours=1.0, ambient_c=state.ambient_c, duty=DUTY_BEFORE_REPLAY[day % len(DUTY_BEFORE_REPLAY)])
 

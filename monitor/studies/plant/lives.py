@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings
 from monitor.errors import BadInput
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.filter_state import RATE
 from monitor.publish.documents import AckRequest, ShelveRequest
 from monitor.publish.timestamps import rfc3339

@@ -10,13 +10,13 @@ from monitor.judge.alerts.life_cycle import acknowledge, unacknowledge
 from monitor.judge.alerts.serviced import declare
 from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.document import plain
-from monitor.judge.drift.work import Work
-from monitor.judge.works import begin_works, with_new_joints
+from monitor.judge.drift.maintenance import Maintenance
+from monitor.judge.maintenance import begin_maintenance, with_new_joints
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.recompute import Change, judge_day
 from monitor.store.history.events import AlertEvent
-from monitor.store.history.ordinary_work import DayOfWork
-from monitor.store.history.works import Amendment, WorkRow
+from monitor.store.history.maintenance import Amendment, MaintenanceRow
+from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
 from monitor.studies.reassess.compare import Said, of_the_monitor
 from monitor.studies.reassess.settings import settings_with
@@ -31,8 +31,8 @@ class AmendAnew:
     def __init__(self, store: Store, changes: Mapping[str, Any]) -> None:
         self.said: list[Said] = []
         self._store, self._changes = store, changes
-        self._declared: dict[float, WorkRow] = {
-            row.declared_at_unix_s: row for row in store.works.rows() if row.ledger_id is None and row.in_force
+        self._declared: dict[float, MaintenanceRow] = {
+            row.declared_at_unix_s: row for row in store.maintenance.rows() if row.ledger_id is None and row.in_force
         }
         self._made_with = next((each.made_with for each in reversed(store.assessments.judged()) if each.made_with), None)
 
@@ -43,7 +43,7 @@ class AmendAnew:
                 return None
             if isinstance(change, Amendment):
                 state = self._with_declared(state, change)
-            elif isinstance(change, DayOfWork):
+            elif isinstance(change, DayOfProduction):
                 state = self._with_day(state, change)
             else:
                 state = self._with_person(state, change)
@@ -54,15 +54,15 @@ class AmendAnew:
         if row is None or state.belief is None or state.health is None or self._made_with is None:
             return state
         kept = row.document
-        work = Work(kept["joint"], kept["kind"], kept["at_unix_s"], kept["declared_at_unix_s"], kept["by"], kept["why"])
+        act = Maintenance(kept["joint"], kept["kind"], kept["at_unix_s"], kept["declared_at_unix_s"], kept["by"], kept["why"])
         settings = settings_with(self._store.assessments.provenance(self._made_with)["settings"], self._changes)
-        begun, works = begin_works(state.belief, (work,))
-        after = with_new_joints(begun, works, settings.drift, settings.temperature)
-        serviced = declare(state.health, works, change.at_unix_s)
+        begun, maintenance = begin_maintenance(state.belief, (act,))
+        after = with_new_joints(begun, maintenance, settings.drift, settings.temperature)
+        serviced = declare(state.health, maintenance, change.at_unix_s)
         self._say(serviced.transitions)
         return EstimatorState(belief=after, health=serviced.health)
 
-    def _with_day(self, state: EstimatorState, day: DayOfWork) -> EstimatorState:
+    def _with_day(self, state: EstimatorState, day: DayOfProduction) -> EstimatorState:
         if state.belief is None or state.health is None or not state.health.joints:
             return state
         settings = settings_with(self._store.assessments.provenance(day.made_with)["settings"], self._changes)

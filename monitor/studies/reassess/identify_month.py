@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings, identified
 from monitor.errors import ArchiveConflict, ArchiveLost, BadInput, Unidentifiable
+from monitor.judge.assess import AssessSettings, identified
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import robot_digest

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings, Rejected, judge_identification, refusal
 from monitor.errors import BadInput, StoreError
+from monitor.judge.assess import AssessSettings, Rejected, judge_identification, refusal
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.service.history.assess_and_store import EstimatorState
@@ -225,6 +225,6 @@ def _evenly(count: int) -> list[int]:
 
 def _content(store: Store, replays: Sequence[JudgedReplay]) -> list[Any]:
     """What the history holds, as far as a verdict depends on it."""
-    works = [(row.id, row.undone_at_unix_s) for row in store.works.rows()]
-    amendments = [(each.id, each.at_unix_s) for each in store.works.amendments()]
-    return [[list(each) for each in replays], store.events.range(), works, amendments, [day.day for day in store.ordinary_work.rows()]]
+    maintenance = [(row.id, row.undone_at_unix_s) for row in store.maintenance.rows()]
+    amendments = [(each.id, each.at_unix_s) for each in store.maintenance.amendments()]
+    return [[list(each) for each in replays], store.events.range(), maintenance, amendments, [day.day for day in store.production.rows()]]

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from monitor.assess import AssessSettings
 from monitor.config.files import find_prior
 from monitor.config.schema import FlowSettings, assess_sections, section_classes
 from monitor.config.sections import nearest, read_section
 from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.settings import DriftSettings
 from monitor.service.history.recompute import settings_from_document

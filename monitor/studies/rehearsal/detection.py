@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear

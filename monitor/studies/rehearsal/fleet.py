@@ -20,14 +20,14 @@ from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law
 from monitor.simulate.arm.thermal import ThermalModel, default_thermal
 
-WORK_H, NIGHT_H = 10.0, 13.0  # [h] of a day
+PRODUCTION_H, NIGHT_H = 10.0, 13.0  # [h] of a day
 REPLAY_MIN, REPLAY_DUTY = 0.5, 0.8  # [min] a replay's length, and its duty
 MISSED_REPLAYS = 0.01  # share of mornings without a replay
 DAYS_A_YEAR = 365.0
 SENSOR_STEP_K = 1.0 / 16.0  # [K] resolution of a UR's temperature sensor
 WITHIN_SHARE = 0.7, 1.5  # of `within_std`: in the best replay and in the worst
 MEAN_DUTY = 0.5 * 5.0 / 7.0  # share of the working hours in motion: 0.3 to 0.7 on five days of seven
-REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * WORK_H  # moving for 0.6 of the time, at 0.6 rad/s
+REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * PRODUCTION_H  # moving for 0.6 of the time, at 0.6 rad/s
 SCENARIOS = ("steady", "seasons", "cold_mornings", "warm_ups", "payload_swaps", "holidays", "wild_replays", "bad_sensors")
 PAYLOADS = 3  # number that an arm carries in turn in the scenario `payload_swaps`
 
@@ -158,8 +158,8 @@ class Fleet:
         away = (scenario == "holidays") & (day < self._holiday_until)
 
         duty = np.where(away | weekend, 0.0, rng.uniform(0.3, 0.7, A))
-        self._heat.live(self, WORK_H, room + 2.0, duty)
-        self._at_work(day, duty)
+        self._heat.live(self, PRODUCTION_H, room + 2.0, duty)
+        self._at_production(day, duty)
         self._revolutions += duty[:, None] * REVOLUTIONS_PER_DUTY_DAY
         self._used_days += np.where(day > self.wear.onset_day, duty / MEAN_DUTY, 0.0)
         self._heat.live(self, NIGHT_H, room + cold, np.zeros(A))
@@ -173,7 +173,7 @@ class Fleet:
         after = self._heat.motor
         return Morning(away, 0.5 * (before + after), self._heat.grease, (after - before) / REPLAY_MIN)
 
-    def _at_work(self, day: int, duty: Array) -> None:
+    def _at_production(self, day: int, duty: Array) -> None:
         """The end of a day's work with a duty (A,); a fleet whose work is observed looks at it here."""
 
     def _enter_contexts(self, away: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,9 +10,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.recording import known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, over_arms, share_document
 from monitor.studies.rehearsal.detection import Kind, false_alarms, kind_document, parts, play_part

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
+from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.step import DriftState
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Share, share_document

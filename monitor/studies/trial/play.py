@@ -71,9 +71,9 @@ def _advance(trial: Trial, clock: TrialClock, arm: TrialArm, service: Running, s
             until = end_unix_s if due is None else min(due.opens_unix_s, end_unix_s)
             clock.stop_at(until)
             arm.follow()
-            for work in service.store.works.rows()[done:]:
+            for act in service.store.maintenance.rows()[done:]:
                 done += 1
-                arm.repair(work.joint, str(work.document["kind"]))
+                arm.repair(act.joint, str(act.document["kind"]))
             says.news(service, clock.now(), arm)
         except MonitorError as error:
             says.line(str(error))

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import typer
 
 from monitor.config.schema import Configuration
-from monitor.model.joint_names import joint_name
+from monitor.reason import joint_name
 from monitor.service.run import Running
 from monitor.studies.trial.plan import Trial
 

@@ -11,13 +11,13 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from monitor.model.joint_names import NAMES
+from monitor.reason import JOINT_NAMES
 
 DOMAIN = "joint_monitor"
 LANGUAGES = {"en": "English", "de": "Deutsch"}  # by their codes, in their own words; the first is that of the documents
 LONGEST = 700  # letters of a sentence that may be a known one: the patterns take long for a longer text
 _PLACE = re.compile(r"\{(\w+)\}")
-_JOINT = re.compile(rf"\b({'|'.join(NAMES)})\b(?: \(joint (\d)\))?")
+_JOINT = re.compile(rf"\b({'|'.join(JOINT_NAMES)})\b(?: \(joint (\d)\))?")
 _FIGURE = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+)(?![\w.]*\d)")
 _DATE = re.compile(r"(?<!\d)(\d{4})-(\d\d)-(\d\d)(?!\d)(?:T(\d\d):(\d\d)(?::\d\d)?(?:\.\d+)?(?:Z|\+00:00)?)?")
 _STATED = re.compile(r"([a-z]+(?:_[a-z0-9]+)*) \((\w+)\)(: .+)?", re.DOTALL)  # a condition, the tier of its alert, the change
@@ -51,7 +51,7 @@ class Language:
         """The name of a joint (from 1) as PolyScope shows it in this language; None is the arm."""
         if joint is None:
             return self.say("The arm")
-        return self.say(NAMES[joint - 1]) if joint <= len(NAMES) else self.say("Joint {number}", number=joint)
+        return self.say(JOINT_NAMES[joint - 1]) if joint <= len(JOINT_NAMES) else self.say("Joint {number}", number=joint)
 
     def figure(self, value: float, digits: int = 1, *, signed: bool = False) -> str:
         """A figure with the decimal sign of this language; zero has no sign."""

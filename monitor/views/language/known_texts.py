@@ -107,7 +107,7 @@ WARNINGS = (
     N_("{changes}: a new baseline begins, wear is carried over; wear that came with the change cannot be seen"),
     N_("{changes}: its baseline is known from before"),
 )
-WORK = (
+PRODUCTION = (
     N_("{joint} was replaced on {day} ({who})."),
     N_("{joint} was overhauled on {day} ({who})."),
     N_("{joint} was greased on {day} ({who})."),
@@ -288,7 +288,7 @@ REFUSALS = (
     ),
 )
 # ordinary work: from when the next replay is needed, and why a joint is not known; a window that is left out says it without a colon
-FROM_WORK = (
+FROM_PRODUCTION = (
     N_("every window"),
     N_("nothing is learnt yet"),
     N_("the first {days} days, in which the arm is learnt"),

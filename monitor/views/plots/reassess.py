@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.errors import StoreError
 from monitor.judge.alerts.health import TIERS
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.views.plots.picture import write_picture
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from monitor.publish.timestamps import unix_s
 from monitor.recording import Array
 from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import MONTHS, utc
-from monitor.views.report.works import draw_works
+from monitor.views.report.maintenance import draw_maintenance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,7 +102,7 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
             if 100 * level < 1.2 * top or (_has_fan(rows[-1], level) and level == of["life_limit_rise"]):  # a fan leads to this line
                 one.axhline(100 * level, color=colour, lw=0.9, ls=dash)
         one.set_ylim(min(-3.0, float(np.min(wear - 2 * std)), float(np.nanmin([0.0, *(alone - 2 * alone_std)]))), 1.15 * top)
-        draw_works(one, report, j + 1, at[-1], say)
+        draw_maintenance(one, report, j + 1, at[-1], say)
         _remaining_life_fan(one, at, rows[-1], of["life_limit_rise"])
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)

@@ -16,9 +16,9 @@ from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, tra
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.report.inspection import inspection
-from monitor.views.report.ordinary_work import from_work
+from monitor.views.report.maintenance import maintenance_table
+from monitor.views.report.production import from_production
 from monitor.views.report.unwatched import unwatched
-from monitor.views.report.works import work_table
 from monitor.views.units import PERCENT_PER_MONTH
 
 N_ = str  # marks a text for the catalogue
@@ -84,8 +84,8 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
             )
             parts.append(drawn(friction_over_temperature(report, say), caption))
     parts += [
-        *from_work(report, say),
-        *work_table(report, say),
+        *from_production(report, say),
+        *maintenance_table(report, say),
         *transitions(report, say),
         *_contexts(report, say),
         *inspection(report, say),

@@ -12,8 +12,8 @@ from rich.text import Text
 
 from monitor.judge.alerts.life_text import assumptions_text
 from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
-from monitor.model.joint_names import joint_name, joint_text
 from monitor.publish.timestamps import unix_s
+from monitor.reason import joint_name, joint_text
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
@@ -71,12 +71,12 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             _print_leading(console, utc, rows[0] if rows else None, unix_s(published["said_at"]))
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
             console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {once(alert['text'])}", highlight=False, markup=False)
-    for line in from_work_lines(document.get("from_work")):
+    for line in from_production_lines(document.get("from_production")):
         console.print(f"  {line}", highlight=False, markup=False)
     for line in inspection_lines(document.get("inspection")):
         console.print(f"  {line}", highlight=False, markup=False)
-    for work in document.get("works", ()):
-        console.print(f"  {work['text']}", highlight=False, markup=False)
+    for act in document.get("maintenance", ()):
+        console.print(f"  {act['text']}", highlight=False, markup=False)
     if document.get("monitor"):
         for line in monitor_lines(document["monitor"]).splitlines():
             console.print(once(line), highlight=False, markup=False)
@@ -90,7 +90,7 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             console.print(f"    try {nth} ended {each['at']}: {each['reason']}", highlight=False, markup=False)
 
 
-def from_work_lines(found: dict[str, Any] | None) -> list[str]:
+def from_production_lines(found: dict[str, Any] | None) -> list[str]:
     """What came from ordinary work, as lines; none where no work was judged."""
     if not found:
         return []

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 
 NEWEST = 3  # stops that are printed
 

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from monitor.judge.drift.prior import LIFE_RISE, SHARES
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.views.terminal.arm import print_not_alerting
 from monitor.views.terminal.figures import number, standard_output, table_of, whole_percent
 

@@ -8,8 +8,8 @@ import numpy as np
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.remaining_life import PrognosisSettings
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.model.joint_names import joint_name
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import joint_name
 from monitor.views.language.catalogue import LANGUAGES
 
 SHOWN = ("site", "id", "model", "mounting", "payload_kg", "tool")  # keys of [robot]

@@ -51,8 +51,8 @@ class Content:
     def history(self) -> dict[str, Any]:
         """The history of every joint as columns: old replays thinned, the newest complete. It is read again only after a replay or work."""
         ids = self.store.assessments.replays()
-        works = self.store.works.rows()
-        history_of = (len(ids), ids[-1] if ids else 0, len(works) + sum(not row.in_force for row in works))
+        maintenance = self.store.maintenance.rows()
+        history_of = (len(ids), ids[-1] if ids else 0, len(maintenance) + sum(not row.in_force for row in maintenance))
         with self._lock:
             if history_of != self._history_of:
                 shown = thinned(ids, MAX_REPLAYS, NEWEST_REPLAYS)
@@ -92,8 +92,8 @@ class Content:
     def _marks(self) -> list[dict[str, Any]]:
         """What happened to the arm, for the charts."""
         state = self.store.assessments.state()
-        works = [row.document for row in self.store.works.rows() if row.in_force]
-        found: list[Mark] = marks(works, (state.belief if state else {}).get("contexts", ()))
+        maintenance = [row.document for row in self.store.maintenance.rows() if row.in_force]
+        found: list[Mark] = marks(maintenance, (state.belief if state else {}).get("contexts", ()))
         return [mark._asdict() for mark in found]
 
     def schedule(self) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Content:
     def _coming(self) -> list[dict[str, Any]]:
         """The next windows with the reason of each; that of a window that waits for the arm says so."""
         since = self.now()
-        payload = self.bus.last_payloads().get("from_work") if self.schedule_settings.replay == WHEN_NEEDED else None
+        payload = self.bus.last_payloads().get("from_production") if self.schedule_settings.replay == WHEN_NEEDED else None
         needed_from = None if payload is None else json.loads(payload)["next_replay"]["needed_from"]
         if needed_from is not None:
             since = max(since, unix_s(needed_from) - self.schedule_settings.grace_s)

@@ -21,8 +21,8 @@ from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.band.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import joint_text
 from monitor.recording import Array, Indices
 
 OUTSIDE_S = 0.04  # torque must be outside for so long on one side, five rows at 125 Hz: a spike of the measured current is no collision

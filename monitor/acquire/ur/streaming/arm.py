@@ -24,7 +24,7 @@ from monitor.acquire.ur.streaming.gaps import CycleGaps, gap_failure
 from monitor.acquire.ur.streaming.node import VARIABLES, Node
 from monitor.acquire.ur.streaming.pacing import POLL_S, PacketTiming
 from monitor.acquire.ur.streaming.tracking import Tracking
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together

@@ -18,7 +18,7 @@ from monitor.acquire.ur.streaming.arm import Arm
 from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.streaming.node import NO_NUMBER, Node
 from monitor.errors import MotionRefused
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 NEAR_RAD = HandOverSettings().near_rad  # the node looks at the same limit, at its own target

@@ -7,7 +7,7 @@ import numpy as np
 from monitor.acquire import state as names
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 
 EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
 PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5

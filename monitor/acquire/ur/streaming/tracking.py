@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 
 from monitor.acquire.ur.streaming.failures import StreamFailure
-from monitor.model.joint_names import joint_text
+from monitor.reason import joint_text
 from monitor.recording import Array
 
 LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it

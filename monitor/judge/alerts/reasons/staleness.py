@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.model.joint_names import joint_name
+from monitor.reason import joint_name
 from monitor.recording import DAY_S
 
 

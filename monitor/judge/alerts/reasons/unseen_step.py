@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from monitor.model.joint_names import joint_name
+from monitor.reason import joint_name
 
 
 def unseen_step_text(rise: float, days: float) -> str:

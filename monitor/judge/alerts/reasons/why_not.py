@@ -14,7 +14,7 @@ from monitor.judge.belief import Belief
 
 def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
     """What is missing between a joint (from 1) and its next tier of risen friction; empty where the highest tier is active."""
-    waiting = [work for work in belief.works if work.waiting and work.joint == joint]
+    waiting = [act for act in belief.maintenance if act.waiting and act.joint == joint]
     if waiting:
         return (waiting[-1].text,)
     active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]

@@ -14,7 +14,19 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from monitor.judge.drift.filter_state import KINDS, LEVELS, NOISE, OLDEST, RATE, STATES, WEAR, WINDOW, WORK_LEVEL, FilterState, open_slot
+from monitor.judge.drift.filter_state import (
+    KINDS,
+    LEVELS,
+    NOISE,
+    OLDEST,
+    PRODUCTION_LEVEL,
+    RATE,
+    STATES,
+    WEAR,
+    WINDOW,
+    FilterState,
+    open_slot,
+)
 from monitor.judge.drift.from_fleet import noise_known
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.size import MOST_SIGMA
@@ -65,7 +77,7 @@ KNOWN_NOISE = 2.5
 LONG = 28.0  # [observations] age from which starts are summed; younger ones are told apart, and a rise among them is a step
 # [χ²] by which the thresholds of those are higher beside work: its noise lasts for days, has long tails and is not the judge's. Most false
 # advisories beside work were steps of 3 to 5 % within three weeks, and a step of 5 % is found a day later for it.
-OF_WORK = 2.5
+OF_PRODUCTION = 2.5
 SUMMED = 9.5  # [log] of the summed evidence from which a rise is found: by chance once in e^9.5 observations of a joint, 36 years
 SUMMED_STD = np.array([0.1, 0.2 / 365.0])[:, None]  # (2, 1) [log, 1/day] prior standard deviations of a step and of a rate in that sum
 RATES_PER_STEP = 3.0  # prior odds: joints begin to wear more often than they jump
@@ -246,13 +258,13 @@ def detect_change(
     enough = (bank.ages >= settings.gate_run - 1) & (bank.ages <= (since - baseline)[:, None])
     glr_score = np.where(in_a_row[:, None, None], bank.raw_glr_score_now, bank.glr_score_now)
     expected = bank.information_now * state.chance.of_starts()  # mean square of a score where nothing changed
-    of_joint, beside_work = joint_noise(state, noise.var, settings), state.sources is not None
+    of_joint, beside_production = joint_noise(state, noise.var, settings), state.sources is not None
     ratios, relative = likelihood_ratios(
-        glr_score, expected, bank.information_now, bank.ages, enough, settings, of_joint, beside_work=beside_work
+        glr_score, expected, bank.information_now, bank.ages, enough, settings, of_joint, beside_production=beside_production
     )
     counts = innovation.resolved & ~innovation.settling
     sure = np.max(relative, axis=(1, 2)) > 1.0
-    if beside_work:
+    if beside_production:
         old = enough & (bank.ages >= LONG)
         sure |= summed_evidence(bank.glr_score_now, bank.information_now, state.chance.of_starts(), bank.ages, old) > SUMMED
     found = (sure | in_a_row) & counts & (in_a_row | ~gate.gated)
@@ -316,8 +328,8 @@ def likelihood_ratios(
     settings: DriftSettings,
     noise: JointNoise,
     *,
-    beside_work: bool = False,
-    of_work: float = OF_WORK,
+    beside_production: bool = False,
+    of_production: float = OF_PRODUCTION,
 ) -> tuple[Array, Array]:
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
@@ -334,7 +346,7 @@ def likelihood_ratios(
     """
     ratio = np.where(enough[:, None, :], glr_score**2 / np.maximum(expected, 1e-12), 0.0)
     with_prior = 1.0 + PRIOR_INFORMATION / np.maximum(information, 1e-9)
-    return ratio, ratio / with_prior / thresholds(ages, settings, noise, beside_work=beside_work, of_work=of_work)
+    return ratio, ratio / with_prior / thresholds(ages, settings, noise, beside_production=beside_production, of_production=of_production)
 
 
 def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages: Array, enough: np.ndarray) -> Array:
@@ -354,12 +366,14 @@ def summed_evidence(glr_score: Array, information: Array, inflation: Array, ages
     return summed
 
 
-def thresholds(ages: Array, settings: DriftSettings, noise: JointNoise, *, beside_work: bool = False, of_work: float = OF_WORK) -> Array:
+def thresholds(
+    ages: Array, settings: DriftSettings, noise: JointNoise, *, beside_production: bool = False, of_production: float = OF_PRODUCTION
+) -> Array:
     """(N, 2, W) the likelihood ratio from which a candidate of an age (N, W) is a change. The others are as in `likelihood_ratios`."""
     log_age = np.log(np.maximum(ages, 1.0))
-    known, alone = noise.known[:, None], not beside_work
+    known, alone = noise.known[:, None], not beside_production
     frequent = OF_FREQUENT * np.log(np.clip(1.0 / noise.interval_days[:, None], 1.0, MOST_A_DAY))
-    by_age = 2.0 * log_age + KNOWN_NOISE * known - (frequent if alone else of_work * (ages < LONG))
+    by_age = 2.0 * log_age + KNOWN_NOISE * known - (frequent if alone else of_production * (ages < LONG))
     least, most = np.square(NOISY_STD)
     noisy = np.clip(noise.var[:, None], least, most)
     of_noise = np.where(ages >= LONG, OF_NOISE * np.log(noisy / least) * np.log(most / noisy) * (1.0 - known), 0.0)
@@ -475,7 +489,7 @@ def to_levels(g: Array, common: np.ndarray) -> tuple[Array, Array]:
     moved = g.copy()
     moved[..., LEVELS : LEVELS + SLOTS] += wear[..., None]
     if g.shape[-1] > STATES:
-        moved[..., WORK_LEVEL] += wear
+        moved[..., PRODUCTION_LEVEL] += wear
     moved[common, :, WEAR] = 0.0
     moved[common, :, RATE] = 0.0
     return moved, wear

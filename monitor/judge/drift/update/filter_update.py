@@ -9,13 +9,13 @@ from monitor.judge.drift.filter_state import (
     NOISE,
     ORDINARY,
     OUTLIER,
+    PRODUCTION_LEVEL,
     SETTLING,
     SLOPE,
     STATES,
     STEP,
     UNRESOLVED,
     WEAR,
-    WORK_LEVEL,
     FilterState,
 )
 from monitor.judge.drift.kalman import update
@@ -128,8 +128,8 @@ def in_course(
     n, at = np.arange(len(y)), LEVELS + replay_slot
     row = row.copy()
     row[n, at - SLOPE] = 1.0
-    known = np.maximum(cov[:, WORK_LEVEL, WORK_LEVEL], cov[n, at, at]) < LEVELS_KNOWN_VAR
-    return row, y - mean[:, WORK_LEVEL] + mean[n, at], learnt & known
+    known = np.maximum(cov[:, PRODUCTION_LEVEL, PRODUCTION_LEVEL], cov[n, at, at]) < LEVELS_KNOWN_VAR
+    return row, y - mean[:, PRODUCTION_LEVEL] + mean[n, at], learnt & known
 
 
 def classify(innovation: Innovation, gate: Gate, *, of_baseline: np.ndarray, of_wear: np.ndarray) -> Array:

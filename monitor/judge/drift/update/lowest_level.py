@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import LEVELS, RATE, STATES, WEAR, WORK_LEVEL, FilterState
+from monitor.judge.drift.filter_state import LEVELS, PRODUCTION_LEVEL, RATE, STATES, WEAR, FilterState
 from monitor.judge.drift.kalman import symmetric
 from monitor.judge.drift.noise.chance import forget_chance
 from monitor.judge.drift.settings import DriftSettings
@@ -22,7 +22,7 @@ RUN_IN_DAYS = 180.0  # [d] a slow fall of the first half year is running-in: sea
 AT_ONCE, AT_ONCE_DAYS = 0.05, 10.0  # [log], [d] a fall of so much in so few days is none: something was done to the joint
 
 
-def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, worked: np.ndarray | None = None) -> FilterState:
+def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, awaiting_proof: np.ndarray | None = None) -> FilterState:
     """The state after a replay, with wear counted from the lowest level held. days : (N,) since the replay before.
 
     worked : (N,) joints that were worked on: a fall of theirs is not known to be held before the work is judged; None: no joint.
@@ -31,8 +31,8 @@ def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, 
     state = replace(state, counted_from=reference)
     fallen = state.wear < -np.maximum(SURE * state.wear_std, LEAST_FALL)
     fallen &= state.learnt_from
-    if worked is not None:
-        fallen &= ~worked
+    if awaiting_proof is not None:
+        fallen &= ~awaiting_proof
     if fallen.any():  # on few days
         fallen &= ~_rise_suspected(state)
     if not fallen.any():
@@ -76,7 +76,7 @@ def begin_here(state: FilterState, which: np.ndarray, rate_std_per_day: float) -
     M = np.tile(np.eye(S), (len(n), 1, 1))
     M[:, LEVELS : LEVELS + SLOTS, WEAR] = 1.0
     if S > STATES:
-        M[:, WORK_LEVEL, WEAR] = 1.0
+        M[:, PRODUCTION_LEVEL, WEAR] = 1.0
     M[:, WEAR, WEAR] = M[:, RATE, RATE] = 0.0
     mean, cov = state.mean.copy(), state.cov.copy()
     mean[n] = np.einsum("nab,nb->na", M, mean[n])

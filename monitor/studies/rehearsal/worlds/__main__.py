@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.studies.figures import at_least_one
 from monitor.studies.rehearsal.worlds.informed import informed_beside
 from monitor.studies.rehearsal.worlds.table import WORLDS

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.assess import AssessSettings
+from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.worlds.informed import informed_beside
 from monitor.studies.rehearsal.worlds.table import WORLDS
 from monitor.studies.rehearsal.worlds.verdicts import play_world

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.assess import AssessSettings
 from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
+from monitor.judge.assess import AssessSettings
 from monitor.recording import known_or_none
 from monitor.studies.figures import Share, share_document
 from monitor.studies.rehearsal.play import JudgedDay

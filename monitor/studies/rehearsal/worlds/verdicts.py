@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from monitor.assess import AssessSettings
 from monitor.judge.alerts.evidence import Evidence
+from monitor.judge.assess import AssessSettings
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
 from monitor.studies.rehearsal.play import LEARNING_DAYS, interval_holds, judged_days

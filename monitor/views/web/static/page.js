@@ -107,7 +107,7 @@ function joints() {
 
 // the last work on the joint that is shown, which whoever declared it by mistake takes back here
 function worked() {
-  const work = values[`joint/${chosen}/work`], shown = work && !work.undone_at ? `${chosen} ${work.text}` : "";
+  const work = values[`joint/${chosen}/maintenance`], shown = work && !work.undone_at ? `${chosen} ${work.text}` : "";
   if ($("worked").dataset.shown === shown) return;  // a button that is made again would lose the focus
   $("worked").dataset.shown = shown;
   $("worked").replaceChildren();
@@ -129,12 +129,12 @@ function rippleOf(own) {
 }
 
 // what came from the arm's ordinary work and what from replays, and how far the next replay is
-function fromWork() {
-  const found = values.from_work, own = found && found.joints[chosen - 1];
+function fromProduction() {
+  const found = values.from_production, own = found && found.joints[chosen - 1];
   if (!own) return [];
   const next = found.next_replay, when = next.needed_from && Date.parse(next.needed_from) > now() ? moment(next.needed_from) : t("now");
   const held = `${own.share == null ? "–" : number(own.share, 2)}${own.reason ? ` (${own.reason})` : ""}`;
-  return [[t("Learned from"), t("{replays} replays, {periods} periods of work", { replays: own.learnt_from_replays, periods: own.learnt_from_work })],
+  return [[t("Learned from"), t("{replays} replays, {periods} periods of work", { replays: own.learnt_from_replays, periods: own.learnt_from_production })],
     [t("Held from work, 1 being enough"), held],
     ...(next.replay === "when_needed" ? [[t("Next replay needed"), `${when} (${next.why})`]] : [])];
 }
@@ -163,7 +163,7 @@ function figures() {
       ...(assumed ? [[t("Time left assumes"), assumed]] : []),
     );
   }
-  rows.push([t("Time left to the limit"), life(own)], [t("Learned of it last"), state.learnt_at ? moment(state.learnt_at) : t("never")], ...fromWork());
+  rows.push([t("Time left to the limit"), life(own)], [t("Learned of it last"), state.learnt_at ? moment(state.learnt_at) : t("never")], ...fromProduction());
   physics.push([t("Why"), sentence(state.why) || "–"]);
   pairs($("figures"), rows);
   pairs($("physics"), physics);
@@ -279,9 +279,9 @@ function take(key, document_) {
   if (key === "health") { joints(); alerts(); }
   if (key.startsWith("alert/")) { alerts(); soon(); }
   if (key.endsWith("/friction")) { joints(); soon(); }
-  if (key.endsWith("/work")) { worked(); soon(); }
+  if (key.endsWith("/maintenance")) { worked(); soon(); }
   if (key === "inspection") duties(document_);
-  if (key === "health" || key === "from_work" || key.endsWith("/friction")) figures();
+  if (key === "health" || key === "from_production" || key.endsWith("/friction")) figures();
 }
 
 function listen() {

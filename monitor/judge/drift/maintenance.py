@@ -1,0 +1,141 @@
+"""Work on a joint: what a person did to it, and what the filter makes of that.
+
+A joint that was replaced is another joint: everything that was learnt of it begins anew. A joint that was greased or overhauled is the same
+one, but its friction may have moved either way: its wear is uncertain for a moment, while the level that wear counts from, the temperature
+law and the noise stay as they are. The next replays show where friction is, and by that the work is judged (`settle`). Where it moved, that
+becomes the new reference; where a worn joint is as worn as before, nothing is forgotten.
+
+Shapes: N joints.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.judge.drift.filter_state import SLOPE, SLOPE_CHANGE, WEAR, FilterState
+from monitor.judge.drift.reference import forget
+from monitor.judge.drift.update.lowest_level import begin_here
+from monitor.reason import joint_text
+from monitor.recording import Array
+
+REPLACED, OVERHAULED, GREASED = "replaced", "overhauled", "greased"  # a person names the joint and the kind
+MAINTENANCE, SERIALS = "maintenance", "joint_serials"  # a declaration that changed: which joints were worked on is not known
+PERSONAL = (REPLACED, OVERHAULED, GREASED)
+NEW_JOINT, NEW_REFERENCE, UNCHANGED, STILL_WORN = "new_joint", "new_reference", "unchanged", "still_worn"  # outcomes
+MAINTENANCE_STD = 0.5  # [log] work changes friction by so much: a worn joint of +60 % that is as new again is one of these
+RECOVERED = 0.5  # of the wear before: a worn joint with more left is still worn
+MOVED_SIGMAS, LEAST_MOVED = 2.0, 0.01  # [σ], [log] a smaller change is none
+KNOWN_STD = 0.04  # [log] of wear, from which the work can be judged
+MOST_REPLAYS = 20  # after so many the work is taken as it was declared: the context has changed with it, and nothing can be compared
+
+
+class Maintenance(NamedTuple):
+    """Work on one joint, and its outcome."""
+
+    joint: int  # from 1
+    kind: str
+    at_unix_s: float  # when it was done
+    declared_at_unix_s: float
+    by: str
+    why: str
+    wear_before: float = 0.0  # [log] above the level that wear counts from, when it was declared
+    change_before: float = 0.0  # [log] of friction over that at the beginning, likewise
+    replays: int = 0  # that were learnt from since
+    days: int = 0  # UTC days with such a replay
+    last_day: int = -1
+    outcome: str | None = None  # None: the next replays will show it
+    change: float | None = None  # fraction by which friction moved with the work; None: not known
+    change_std: float | None = None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the outcome is still open."""
+        return self.outcome is None
+
+    @property
+    def verb(self) -> str:
+        """What was done, as a clause about the joint."""
+        return {MAINTENANCE: "was worked on", SERIALS: "may have been replaced"}.get(self.kind, f"was {self.kind}")
+
+    @property
+    def day(self) -> str:
+        """UTC day of the work."""
+        return str(np.datetime64(int(self.at_unix_s), "s").astype("datetime64[D]"))
+
+    @property
+    def text(self) -> str:
+        """The work and its outcome in sentences."""
+        what = f"{joint_text(self.joint).capitalize()} {self.verb} on {self.day} ({self.by}{f': {self.why}' if self.why else ''})."
+        moved = "" if self.change is None else f" Friction moved by {self.change:+z.1%} ± {self.change_std or 0.0:.1%} with it."
+        return what + {
+            None: f" The next replays show what it did to friction: {self.replays} so far.",
+            NEW_JOINT: " It is a new joint: everything is learnt anew, and what was found before is of the old one.",
+            NEW_REFERENCE: f"{moved} Friction counts from this level now.",
+            UNCHANGED: f"{moved} That is no change: it counts from the same level as before.",
+            STILL_WORN: f"{moved} The joint is as worn as before, or nearly: the work has not brought its friction back.",
+        }.get(self.outcome, "")
+
+
+def may_have_moved(state: FilterState, awaiting_proof: np.ndarray) -> FilterState:
+    """The state where work may have moved the friction of the joints in `worked` (N,) either way, their levels being as they were.
+
+    Candidates of a sudden change are dropped: this is one that is known. New grease has another viscosity, so the slope is less certain.
+    """
+    cov = state.cov.copy()
+    n = np.flatnonzero(awaiting_proof)
+    cov[n, WEAR, WEAR] += MAINTENANCE_STD**2
+    cov[n, SLOPE, SLOPE] += (SLOPE_CHANGE * state.mean[n, SLOPE]) ** 2
+    dropped: dict[str, Any] = {}
+    for name in ("responses", "glr_scores", "raw_glr_scores", "glr_informations", "gate_run"):
+        dropped[name] = getattr(state, name).copy()
+        dropped[name][n] = 0.0
+    return replace(
+        state,
+        cov=cov,
+        residual=np.where(awaiting_proof, np.nan, state.residual),
+        agreeing=np.where(awaiting_proof, 1.0, state.agreeing),
+        **dropped,
+    )
+
+
+def new_reference(state: FilterState, which: np.ndarray, replays: Array, rate_std_per_day: float) -> FilterState:
+    """The state with wear counted from the present level in the joints of `which` (N,), known from `replays` (N,) since the work.
+
+    The joint is young again: a slow fall of its first months is running-in.
+    """
+    fresh = begin_here(state, which, rate_std_per_day)
+    return replace(
+        fresh,
+        counted_from=forget(state.counted_from, which),
+        replays=np.where(which, np.maximum(replays, 1.0), state.replays),
+        agreeing=np.where(which, 1.0, state.agreeing),
+    )
+
+
+def count_replay(act: Maintenance, day: int) -> Maintenance:
+    """The work with one more replay that was learnt from."""
+    return act._replace(replays=act.replays + 1, days=act.days + (day != act.last_day), last_day=day)
+
+
+def judged(act: Maintenance, state: FilterState, *, least_replays: int, least_days: int, worn: float) -> Maintenance:
+    """The work with its outcome, where the replays since then suffice for one.
+
+    worn : [log] wear from which a joint is worn, so that work has something to prove.
+    """
+    j = act.joint - 1
+    wear, std, change = float(state.wear[j]), float(state.wear_std[j]), float(state.change[j]) - act.change_before
+    if act.replays < least_replays or act.days < least_days or (std > KNOWN_STD and act.replays < MOST_REPLAYS):
+        return act
+    if std > KNOWN_STD:
+        return act._replace(outcome=NEW_REFERENCE)
+    moved = abs(change) > max(MOVED_SIGMAS * std, LEAST_MOVED)
+    named = act.kind in PERSONAL
+    if act.wear_before >= worn:
+        recovered = moved and (wear <= RECOVERED * act.wear_before or wear < worn)
+        outcome = NEW_REFERENCE if recovered else STILL_WORN if named or moved else UNCHANGED
+    else:
+        fallen_before = float(state.counted_from.fallen[j]) < -LEAST_MOVED
+        outcome = NEW_REFERENCE if named or moved or fallen_before else UNCHANGED
+    return act._replace(outcome=outcome, change=math.expm1(change), change_std=math.exp(change) * std)

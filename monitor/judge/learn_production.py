@@ -1,0 +1,91 @@
+"""One period of an arm's ordinary work, belief → belief and health → health.
+
+The filter step is that of the replays. Work alone raises an advisory at most: a graver tier asks for a replay, which is the arbiter.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from monitor.errors import BadInput
+from monitor.judge.alerts.health import Health, Transition
+from monitor.judge.alerts.rules import judge_production
+from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.belief import Belief
+from monitor.judge.drift.contexts import differences
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import Replay, step
+from monitor.judge.drift.suspicion import suspected_rise
+from monitor.judge.production_observation import ProductionHistory, ProductionObservation, context_of_production
+from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.recording import DAY_S, Context
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProductionAssessment:
+    """What one period of work leads to."""
+
+    belief: Belief
+    health: Health
+    transitions: tuple[Transition, ...]
+    learnt: np.ndarray  # (J,) joints that the filter learned from
+    asks: tuple[int, ...]  # joints (from 1) of which a replay shall confirm what work alone has found
+    suspects: tuple[int, ...]  # joints (from 1) of which work makes wear likely: replays shall tell
+
+
+def assess_production(
+    observation: ProductionObservation,
+    context: Context,
+    *,
+    belief: Belief,
+    health: Health,
+    settings: DriftSettings,
+    laws: TemperatureSettings,
+    limits: HealthSettings,
+) -> ProductionAssessment:
+    """The verdict of one period of work, with belief and health for what comes next. context : as it is declared for that time.
+
+    Before an arm's first replay there is no belief, and work teaches nothing. Raises BadInput where observation and belief are of
+    different arms, or the period ended before the one before it.
+    """
+    if observation.joints != belief.joints:
+        raise BadInput(f"the observation from work has {observation.joints} joints, the belief {belief.joints}; they must agree")
+    before = belief.production
+    if before is not None and observation.end_unix_s <= before.at_unix_s:
+        raise BadInput(f"this period of work ended {before.at_unix_s - observation.end_unix_s:.0f} s before the one learnt last")
+    here = context_of_production(context)
+    opened = before is None or before.arm != observation.arm or bool(differences(before.context, here))
+    at = max(observation.end_unix_s, belief.at_unix_s)  # a replay may have come before the period was judged
+    replay = Replay(
+        observation=observation.seen(settings),
+        days=np.array([(at - belief.at_unix_s) / DAY_S]),
+        opened=np.array([opened]),
+        awaiting_proof=belief.awaiting_proof,
+        from_production=True,
+    )
+    result = step(belief.drift_state, replay, settings, laws)
+    resolved = np.isfinite(result.observation.log_torque)
+    learnt: np.ndarray = resolved & result.state.filter_state.learnt_from
+    times = np.full(belief.joints, np.nan) if before is None else before.learnt_at_unix_s
+    known = ProductionHistory(
+        context=here,
+        observations=1 + (0 if before is None else before.observations),
+        at_unix_s=observation.end_unix_s,
+        learnt_at_unix_s=np.where(learnt, observation.end_unix_s, times),
+        share=observation.share,
+        arm=observation.arm,
+    )
+    after = replace(belief.with_drift_state(result.state), at_unix_s=at, production=known)
+    judged = judge_production(health, after, learnt & result.inside_range, learnt, limits, drift=settings)
+    asks = tuple(sorted({*judged.asks, *_still_asking(before, resolved)}))
+    likely = np.flatnonzero(suspected_rise(result.state.filter_state, settings) & learnt) + 1
+    suspects = tuple(int(joint) for joint in likely if joint not in asks)
+    after = replace(after, production=replace(known, asks=asks, suspects=suspects))
+    return ProductionAssessment(
+        belief=after, health=judged.health, transitions=judged.transitions, learnt=learnt, asks=asks, suspects=suspects
+    )
+
+
+def _still_asking(before: ProductionHistory | None, resolved: np.ndarray) -> tuple[int, ...]:
+    """Joints that asked for a replay before, and of which this period says nothing."""
+    return () if before is None else tuple(joint for joint in before.asks if not resolved[joint - 1])
