@@ -1,4 +1,4 @@
-"""Whether and how the arm's ordinary work is listened to: the settings of `[work]`. Nothing of it moves an arm."""
+"""Whether and how the arm's ordinary work is listened to: the settings of `[production]`. Nothing of it moves an arm."""
 
 from dataclasses import dataclass
 from typing import Annotated

@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 DOCUMENTS = ("health", "monitor", "info", "inspection")
 FOLLOWED = (*DOCUMENTS, "alert/*/*")  # last values that are kept
-TRIGGERS = ("event", "joint/*/friction", "joint/*/work")  # what they hold is copied by cursor
+TRIGGERS = ("event", "joint/*/friction", "joint/*/maintenance")  # what they hold is copied by cursor
 MONITOR, MOST_MONITORS = "monitor", 4  # how many of an arm are kept beside the newest one
 ALIVE = "alive/monitor"
 LONGEST_NAME = 100  # letters of a site or a robot

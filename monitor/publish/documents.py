@@ -458,7 +458,7 @@ class JointFromProduction(Document):
     """One joint, by the newest period of ordinary work."""
 
     joint: Joint
-    known: bool = Field(description="whether work tells its friction to `[work] deviation`")
+    known: bool = Field(description="whether work tells its friction to `[production] deviation`")
     share: Maybe = Field(default=None, description="information held beside what is needed; 1 and more: known")
     friction_nm: Maybe = Field(default=None, description="at the reference speed and `temperature_c`")
     deviation_nm: Maybe = Field(default=None, description="one standard deviation against what a replay would find")

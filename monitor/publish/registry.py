@@ -89,7 +89,7 @@ KINDS: dict[str, DocumentKind] = _entries(
         documents.FromProduction,
         "from_production",
         _LAST,
-        "At the start, and after each judged day of ordinary work (`[work] listen`).",
+        "At the start, and after each judged day of ordinary work (`[production] listen`).",
     ),
     _entry(
         "inspection",

@@ -1,7 +1,7 @@
 """Scenarios: what happens to one simulated arm over its life. A scenario is a TOML file; some are shipped and have names.
 
 All keys are optional: `about`; `starts`, a date and time of which the weekday and the hour matter; `[arm]`, the arm; `[room]`, the
-temperature around it; `[work]`, when the arm works between the replays; `[[event]]`, what happens on which day. Other keys are errors.
+temperature around it; `[production]`, when the arm works between the replays; `[[event]]`, what happens on which day. Other keys are errors.
 """
 
 import math
@@ -95,7 +95,7 @@ class Scenario:
     started_s: float = 0.0  # time between the midnight that began the week's Monday and the start
     arm: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     room: Room | None = None
-    work: Work = field(default_factory=Work)
+    production: Work = field(default_factory=Work)
     events: tuple[ScenarioEvent, ...] = ()
 
 
@@ -155,7 +155,7 @@ def load_scenario(name: str) -> Scenario:
 
 def scenario_from_document(document: dict[str, Any], name: str, where: str) -> Scenario:
     """A scenario from the keys of a file. `where` begins every message. Raises BadInput with the key that is wrong."""
-    known = {"about", "starts", "arm", "room", "work", "event"}
+    known = {"about", "starts", "arm", "room", "production", "event"}
     unknown = sorted(set(document) - known)
     if unknown:
         raise BadInput(f"{where}: {', '.join(unknown)} is not a key of a scenario; known are {', '.join(sorted(known))}")
@@ -167,16 +167,18 @@ def scenario_from_document(document: dict[str, Any], name: str, where: str) -> S
         raise BadInput(f"{where}: event is a list of tables; write [[event]]")
     room = _table(document, "room", where)
     parsed_events = [_event(entry, f"{where}: [[event]] {i + 1}") for i, entry in enumerate(events)]
-    work = _work(_table(document, "work", where) or {}, f"{where}: [work]")
+    work = _work(_table(document, "production", where) or {}, f"{where}: [production]")
     if work.duty_hours_a_month == 0.0 and any(event.arguments.get("percent_a_month") for event in parsed_events):
-        raise BadInput(f"{where}: a joint wears by percent_a_month of work, and [work] has none; expected a duty above 0 on some days")
+        raise BadInput(
+            f"{where}: a joint wears by percent_a_month of work, and [production] has none; expected a duty above 0 on some days"
+        )
     return Scenario(
         name=name,
         about=about or name,
         started_s=_since_monday(document.get("starts", date(2026, 1, 5)), where),
         arm=MappingProxyType(check(f"{where}: [arm]", ARM, _table(document, "arm", where) or {})),
         room=None if room is None else Room(**check(f"{where}: [room]", ROOM, room)),
-        work=work,
+        production=work,
         events=tuple(sorted(parsed_events, key=lambda event: event.at_s)),
     )
 

@@ -165,7 +165,7 @@ class Host:
             f'[robot]\nmodel = "ur5"\nsite = "bench"\nid = "{name}"\nhost = "{host}"\nlisten_hz = {self.listen_hz}\n'
             f'[store]\ndirectory = "{self.folder / name}"\n'
             f'[bus]\nlisten = ["tcp/{BUSES}{number + 1}:7447"]\nlive_rate_hz = 10.0\n'
-            f"[work]\nlisten = {str(self.production).lower()}\n"
+            f"[production]\nlisten = {str(self.production).lower()}\n"
         )
         return config
 
@@ -213,7 +213,7 @@ def main() -> int:
     parser.add_argument("--arms", type=int, help="simulated arms, which all daemons share; default: one for each 25 daemons")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--listen-hz", type=float, default=10.0)
-    parser.add_argument("--production", action="store_true", help="friction is estimated from ordinary work as well: [work] listen")
+    parser.add_argument("--production", action="store_true", help="friction is estimated from ordinary work as well: [production] listen")
     parser.add_argument("--minutes", type=float, default=8.0, help="after which no further daemon is waited for")
     arguments = parser.parse_args()
     count = min(max(arguments.daemons, 2), MOST_DAEMONS)

@@ -335,7 +335,7 @@ def test_a_daemon_that_is_killed_between_days_of_production_loses_no_kept_sum_an
     folder = tmp_path / "history"
     shutil.copytree(history[0], folder)
     robot = f'[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\nhost = "{working_arm}"\n'
-    (tmp_path / "cell.toml").write_text(f'{robot}[store]\ndirectory = "{folder}"\n[work]\nlisten = true\n')
+    (tmp_path / "cell.toml").write_text(f'{robot}[store]\ndirectory = "{folder}"\n[production]\nlisten = true\n')
 
     def kept(day: int) -> float:
         """Seconds of a day that are kept."""

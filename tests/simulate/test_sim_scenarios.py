@@ -16,9 +16,9 @@ from monitor.simulate.launch import announcement, settings_from
 from monitor.simulate.scenario import (
     DAY_S,
     HOUR_S,
-    Maintenance,
     Scenario,
     ScenarioEvent,
+    Work,
     load_scenario,
     scenario_from_document,
     scenario_names,
@@ -260,7 +260,7 @@ def test_a_missing_scenario_and_an_invalid_file_are_named(tmp_path):
 
 def test_production_counts_its_hours():
     """Half of ten hours on five days of the week: 107 hours in thirty days, and none on a Sunday."""
-    production = Maintenance()
+    production = Work()
     assert production.duty_hours_a_month == pytest.approx(0.5 * 10 * 5 * 30 / 7)
     week = [production.duty_at(hour * HOUR_S, hour / 24) for hour in range(168)]
     assert sum(week) == pytest.approx(25.0)

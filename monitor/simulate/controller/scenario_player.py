@@ -46,7 +46,7 @@ class ScenarioPlayer:
         self.lived_s = lived_s
         for event in self._due_now(target.clock):
             self.happened.append(f"day {event.at_s / DAY_S:g}: {event.do} {_arguments(event)}")
-            _happen(event, self.scenario.work, target)
+            _happen(event, self.scenario.production, target)
         room = self.scenario.room
         if ambient_c is not None:
             target.arm.ambient_c = ambient_c
@@ -78,7 +78,7 @@ class ScenarioPlayer:
 
     def duty(self, lived_s: float) -> float:
         """The share of time in which the arm moves, at this age."""
-        return self.scenario.work.duty_at(self.scenario.started_s + lived_s, lived_s / DAY_S)
+        return self.scenario.production.duty_at(self.scenario.started_s + lived_s, lived_s / DAY_S)
 
     @property
     def next_event_s(self) -> float:
