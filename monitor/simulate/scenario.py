@@ -1,7 +1,7 @@
 """Scenarios: what happens to one simulated arm over its life. A scenario is a TOML file; some are shipped and have names.
 
 All keys are optional: `about`; `starts`, a date and time of which the weekday and the hour matter; `[arm]`, the arm; `[room]`, the
-temperature around it; `[production]`, when the arm works between the replays; `[[event]]`, what happens on which day. Other keys are errors.
+temperature around it; `[production]`, when the arm works between the replays; `[[event]]`, what happens on a day. Other keys are errors.
 """
 
 import math
