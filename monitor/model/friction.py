@@ -7,8 +7,8 @@ Raviola et al. (2021), eq. (2). A new law is one more entry of `LAWS`, with the 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,9 +22,8 @@ CONCAVE_EXPONENT = 0.5  # p: factory sweeps of a UR5e fit best with 0.52–0.63;
 PROBED_LOADS_NM = (1.0, 50.0)  # a magnitude that depends on the load differs between them
 PROBED_SPEEDS_RAD_S = (0.0, 0.1, 1.0)
 LOAD_SHARE_STD = 0.2  # fl of healthy gears is 0.02–0.1; on a joint without load the data do not limit fl, and this prior does
-AUTO = "auto"  # in the place of a law's name: choose the law by cross-validation
-
 Quantity = TypeVar("Quantity", float, Array)
+AUTO = "auto"  # in the place of a law's name: choose the law by cross-validation
 
 
 def smooth_sign(qd: Array) -> Array:
@@ -37,13 +36,12 @@ def smooth_sign(qd: Array) -> Array:
 class FrictionTerm:
     """One term of a friction law: parameter · magnitude(|q̇|, |τ|) · direction of motion.
 
-    τ is the torque through the gear without friction [N·m]. The two functions are one formula. They are functions of a module, not
-    lambdas, because identifications travel between processes.
+    τ is the torque through the gear without friction [N·m]. The magnitude is a function of a module, not a lambda, because
+    identifications travel between processes.
     """
 
     name: str  # of the parameter, as JSON spells it
-    magnitude: Callable[[Array, Array], Array]  # of |q̇| [rad/s] and |τ| [N·m], arrays of one shape; not negative
-    magnitude_at_point: Callable[[float, float], float]  # of plain numbers: one sample then takes a tenth of the time
+    magnitude: Callable[[Any, Any], Any]  # of |q̇| [rad/s] and |τ| [N·m], arrays of one shape or plain numbers; not negative
     smooth: bool = True  # True: the direction is s(q̇). False: it is sgn(q̇), for a magnitude that is zero at rest
     loaded: bool = False  # True: the magnitude depends on |τ|
     braking: bool = False  # True: the term counts only where the load drives the joint, and the motor brakes: τ·q̇ < 0
@@ -55,33 +53,24 @@ class FrictionTerm:
             raise ValueError(f"friction term {self.name!r}: its magnitude depends on the load; expected loaded=True")
 
     def _depends_on_load(self) -> bool:
-        """Whether either function gives another magnitude at another load, at one of the probed speeds."""
+        """Whether another load gives another magnitude at one of the probed speeds."""
         speeds = np.array(PROBED_SPEEDS_RAD_S)
         low, high = (self.magnitude(speeds, np.full_like(speeds, load)) for load in PROBED_LOADS_NM)
-        low_at_point, high_at_point = ([self.magnitude_at_point(speed, load) for speed in PROBED_SPEEDS_RAD_S] for load in PROBED_LOADS_NM)
-        return not np.array_equal(low, high) or low_at_point != high_at_point
+        return not np.array_equal(low, high)
 
     def column(self, direction: Array, qd: Array, load_nm: Array) -> Array:
         """Torque per unit of the parameter.
 
         direction : s(q̇), or s(q̇) after the filter of the measured torque; qd [rad/s] and load_nm [N·m] have the same shape.
         """
-        magnitude = self.magnitude(np.abs(qd), np.abs(load_nm))
+        magnitude: Array = self.magnitude(np.abs(qd), np.abs(load_nm))
         if self.braking:
             magnitude = np.where(qd * load_nm < 0.0, magnitude, 0.0)
         return magnitude * direction if self.smooth else np.copysign(magnitude, qd)
 
 
-def _one(speed: Array, _load: Array) -> Array:
-    return np.ones_like(speed)
-
-
-def _one_at_point(_speed: float, _load: float) -> float:
+def _one(_speed: Quantity, _load: Quantity) -> float:
     return 1.0
-
-
-def _nothing(_speed: float, _load: float) -> float:
-    return 0.0
 
 
 def _speed(speed: Quantity, _load: Quantity) -> Quantity:
@@ -92,34 +81,26 @@ def _load(_speed: Quantity, load: Quantity) -> Quantity:
     return load
 
 
-def _root_of_speed(speed: Array, _load: Array) -> Array:
-    root: Array = np.sqrt(speed)  # |q̇|^p with p = CONCAVE_EXPONENT
+def _root_of_speed(speed: Quantity, _load: Quantity) -> Quantity:
+    root: Quantity = speed**CONCAVE_EXPONENT
     return root
 
 
-def _root_of_speed_at_point(speed: float, _load: float) -> float:
-    return math.sqrt(speed)
-
-
-def _stribeck(speed: Array, _load: Array) -> Array:
-    grip: Array = np.exp(-((speed / STRIBECK_SPEED_RAD_S) ** 2))
+def _stribeck(speed: Quantity, _load: Quantity) -> Quantity:
+    grip: Quantity = math.e ** -((speed / STRIBECK_SPEED_RAD_S) ** 2)
     return grip
 
 
-def _stribeck_at_point(speed: float, _load: float) -> float:
-    return math.exp(-((speed / STRIBECK_SPEED_RAD_S) ** 2))
-
-
-FC = FrictionTerm(name="fc", magnitude=_one, magnitude_at_point=_one_at_point)  # [N·m] Coulomb friction
-FV = FrictionTerm(name="fv", magnitude=_speed, magnitude_at_point=_speed, smooth=False)  # [N·m·s/rad] viscous friction
+FC = FrictionTerm(name="fc", magnitude=_one)  # [N·m] Coulomb friction
+FV = FrictionTerm(name="fv", magnitude=_speed, smooth=False)  # [N·m·s/rad] viscous friction
 # fraction of |τ|: teeth under load have more friction
-FL = FrictionTerm(name="fl", magnitude=_load, magnitude_at_point=_load, loaded=True, expected_std=LOAD_SHARE_STD)
+FL = FrictionTerm(name="fl", magnitude=_load, loaded=True, expected_std=LOAD_SHARE_STD)
 # fraction of |τ| that gears cost where the motor brakes, beyond what they cost where it drives; less than 0 where they cost less
-FB = FrictionTerm(name="fb", magnitude=_load, magnitude_at_point=_load, loaded=True, braking=True, expected_std=LOAD_SHARE_STD)
+FB = FrictionTerm(name="fb", magnitude=_load, loaded=True, braking=True, expected_std=LOAD_SHARE_STD)
 # [N·m] at 1 rad/s: friction of harmonic drives is concave in speed
-FP = FrictionTerm(name="fp", magnitude=_root_of_speed, magnitude_at_point=_root_of_speed_at_point)
+FP = FrictionTerm(name="fp", magnitude=_root_of_speed)
 # [N·m] friction beyond fc before the lubricant film carries, Stribeck; Armstrong-Hélouvry et al. (1994)
-FS = FrictionTerm(name="fs", magnitude=_stribeck, magnitude_at_point=_stribeck_at_point)
+FS = FrictionTerm(name="fs", magnitude=_stribeck)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,16 +114,11 @@ class FrictionLaw:
     name: str
     terms: tuple[FrictionTerm, ...]  # K terms
     automatic: bool = True  # whether the choice `auto` considers the law
-    # (magnitude_at_point, smooth) of each term, of a joint that drives its load: a torque request reads them for every joint and sample
-    _at_point: tuple[tuple[Callable[[float, float], float], bool], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Raises ValueError where the law does not begin with fc and fv."""
         if self.terms[:2] != (FC, FV):
             raise ValueError(f"friction law {self.name!r} begins with {', '.join(self.parameters[:2])}; expected fc, fv")
-        object.__setattr__(
-            self, "_at_point", tuple((_nothing if term.braking else term.magnitude_at_point, term.smooth) for term in self.terms)
-        )
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -184,24 +160,19 @@ class FrictionLaw:
         torque: Array = np.einsum("njk,jk->nj", self.columns(qd, load_nm), parameters)
         return torque
 
-    def opposing_torque(self, parameters: Array, direction: Array, speed: Array, load: Array) -> Array:
-        """Friction torque against the motion, (N, J) [N·m], of a joint that drives its load.
+    def opposing_torque(self, parameters: Sequence[Quantity], direction: Quantity, speed: Quantity, load: Quantity) -> Quantity:
+        """Friction torque against the motion [N·m] of a joint that drives its load, of arrays or of plain numbers.
 
-        parameters : (K, 1, J). direction : |s(q̇)|, speed : |q̇| [rad/s], load : |τ| [N·m]; (N, J) each.
+        parameters : K, (J,) each. direction : |s(q̇)|, speed : |q̇| [rad/s], load : |τ| [N·m]; (N, J) each.
         """
-        pairs = [(value, term) for value, term in zip(parameters, self.terms, strict=True) if not term.braking]
-        smooth = sum(value * term.magnitude(speed, load) for value, term in pairs if term.smooth)
-        torque: Array = direction * smooth + sum(value * term.magnitude(speed, load) for value, term in pairs if not term.smooth)
-        return torque
-
-    def opposing_torque_at_point(self, parameters: Sequence[float], direction: float, speed: float, load: float) -> float:
-        """`opposing_torque` of one joint at one sample, from K parameters and plain numbers."""
-        smooth = other = 0.0
-        for value, (magnitude, is_smooth) in zip(parameters, self._at_point, strict=True):
-            if is_smooth:
-                smooth += value * magnitude(speed, load)
+        smooth = other = 0.0 * speed
+        for value, term in zip(parameters, self.terms, strict=True):
+            if term.braking:
+                continue
+            if term.smooth:
+                smooth = smooth + value * term.magnitude(speed, load)
             else:
-                other += value * magnitude(speed, load)
+                other = other + value * term.magnitude(speed, load)
         return direction * smooth + other
 
 

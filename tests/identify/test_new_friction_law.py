@@ -37,7 +37,7 @@ def _squared(speed: Quantity, _load: Quantity) -> Quantity:
     return speed * speed
 
 
-FQ = FrictionTerm(name="fq", magnitude=_squared, magnitude_at_point=_squared, smooth=False)  # [N·m·s²/rad²] turbulent friction
+FQ = FrictionTerm(name="fq", magnitude=_squared, smooth=False)  # [N·m·s²/rad²] turbulent friction
 
 
 @pytest.fixture

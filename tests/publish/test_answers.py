@@ -88,7 +88,7 @@ def test_far_from_the_learnt_temperature_the_answer_is_flagged():
         ({"q": ["a"] * 6}, "q is not 6 numbers"),
         ({"q": [True] * 6}, "q is not 6 numbers"),
         ({"q": {"a": 1}}, "q is not 6 numbers"),
-        ({"qd": [math.inf] * 6}, "qd holds a value that is not finite"),
+        ({"qd": [math.inf] * 6}, "qd of joint 1 is inf; expected -10 … 10"),
         ({"qd": [0, 0, 99, 0, 0, 0]}, "qd of joint 3 is 99"),
         ({"qd": [[0.0] * 6] * 2, "q": [[0.0] * 6] * 3}, "qd has 2 rows but q has 3"),
         ({"temperature_c": None}, "temperature_c is missing"),

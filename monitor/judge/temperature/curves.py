@@ -31,6 +31,32 @@ BETTER = 0.95  # a law must have less than this share of the line's error
 VOGEL_BETTER = 0.8  # and Vogel's less than this share of the exponential's: its third parameter follows noise beyond the range
 
 
+class LawForm(NamedTuple):
+    """The law of each joint in one formula, (…, J) each: level + slope·x or, where not `linear`, its exponential.
+
+    x = T − origin, or 1/(T − pole_c) − origin where `of_pole`.
+    """
+
+    linear: np.ndarray
+    of_pole: np.ndarray
+    pole_c: Array
+    origin: Array  # [°C], or [1/K] where `of_pole`
+    level: Array
+    slope: Array
+    least: Array  # value below which a straight line does not fall
+    c00: Array  # covariance of (level, slope)
+    c01: Array
+    c11: Array
+
+    def at(self, temperature_c: Any, ops: Any = np) -> tuple[Any, Any]:
+        """Value and variance at temperatures (…, J) [°C]; of plain numbers with the functions of `ops`."""
+        x = ops.where(self.of_pole, 1.0 / ops.maximum(temperature_c - self.pole_c, NEAREST_POLE_K), temperature_c) - self.origin
+        value = self.level + self.slope * x
+        var = ops.maximum(self.c00 + (2.0 * self.c01 + self.c11 * x) * x, 0.0)
+        factor = ops.where(self.linear, 1.0, ops.exp(ops.minimum(ops.maximum(value, -LARGEST_LOG), LARGEST_LOG)))
+        return ops.where(self.linear, ops.maximum(value, self.least), factor), var * factor * factor
+
+
 class Curve(NamedTuple):
     """The law chosen for each joint, (J,) each. `kind` is an index of LAWS; a joint of kind 0 uses its line."""
 
@@ -42,12 +68,14 @@ class Curve(NamedTuple):
     cov: Array  # (J, 2, 2) of (a, b)
     held_out: Array  # (J, 3) RMS error of each law on what was left out, in the value's unit; NaN before there is enough to choose
 
-    def at(self, temperature_c: Array) -> tuple[Array, Array]:
-        """Value and standard deviation at temperatures (…, J), for the joints whose law is not the line."""
-        x = np.where(self.kind == VOGEL, _of_vogel(temperature_c, self.reference_c, self.pole_c), temperature_c - self.reference_c)
-        value = np.exp(np.clip(self.a + self.b * x, -LARGEST_LOG, LARGEST_LOG))
-        var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * x + self.cov[:, 1, 1] * x**2
-        return value, value * np.sqrt(np.maximum(var, 0.0))
+    @property
+    def form(self) -> LawForm:
+        """The curves as formulas; those of joints of kind 0 mean nothing."""
+        of_pole = self.kind == VOGEL
+        origin = np.where(of_pole, 1.0 / np.maximum(self.reference_c - self.pole_c, NEAREST_POLE_K), self.reference_c)
+        linear = self.kind == 0
+        covariance = self.cov[:, 0, 0], self.cov[:, 0, 1], self.cov[:, 1, 1]
+        return LawForm(linear, of_pole, self.pole_c, origin, self.a, self.b, np.zeros_like(self.a), *covariance)
 
 
 def no_bins(joints: int) -> Array:

@@ -13,7 +13,7 @@ from annotated_types import Interval
 
 from monitor.judge.bounds import check_bounds
 from monitor.judge.document import array, plain
-from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, choose_curve, curve_from_document, no_bins, update_bins
+from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, LawForm, choose_curve, curve_from_document, no_bins, update_bins
 from monitor.recording import Array
 
 SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy² of the regression
@@ -88,15 +88,28 @@ class Line:
 
         An extrapolated line does not fall below 5 % of its intercept, because friction never drives.
         """
-        t = temperature_c - self.reference_c
-        value = self.intercept + self.slope * t
-        var = self.cov[:, 0, 0] + 2.0 * self.cov[:, 0, 1] * t + self.cov[:, 1, 1] * t**2
-        floor = LEAST_LEFT * np.abs(self.intercept)
-        value, std = np.maximum(value, floor), np.sqrt(np.maximum(var, 0.0))
-        if self.curve is not None and np.any(self.curve.kind > 0):
-            by_curve, curve_std = self.curve.at(temperature_c)
-            value, std = np.where(self.curve.kind > 0, by_curve, value), np.where(self.curve.kind > 0, curve_std, std)
-        return LawValue(value, std, ~self.inside(temperature_c))
+        value, var = self.form.at(temperature_c)
+        return LawValue(value, np.sqrt(var), ~self.inside(temperature_c))
+
+    @property
+    def form(self) -> LawForm:
+        """The line of each joint, or its curve where that was chosen, as one formula for all joints."""
+        lines = LawForm(
+            linear=np.ones(len(self.intercept), dtype=bool),
+            of_pole=np.zeros(len(self.intercept), dtype=bool),
+            pole_c=np.zeros(len(self.intercept)),
+            origin=self.reference_c,
+            level=self.intercept,
+            slope=self.slope,
+            least=LEAST_LEFT * np.abs(self.intercept),
+            c00=self.cov[:, 0, 0],
+            c01=self.cov[:, 0, 1],
+            c11=self.cov[:, 1, 1],
+        )
+        if self.curve is None or not np.any(self.curve.kind > 0):
+            return lines
+        curved = self.curve.kind > 0
+        return LawForm(*(np.where(curved, of_curve, of_line) for of_curve, of_line in zip(self.curve.form, lines, strict=True)))
 
     def inside(self, temperature_c: Array) -> np.ndarray:
         """(…, J) whether temperatures (…, J) lie in the learned range, widened by the margin; False where either is unknown."""

@@ -5,7 +5,6 @@ parameters are a regrouped set and describe no physical arm: a link may have a f
 centre of mass. Therefore every link gets a point mass at the origin of its frame, and the torque of the point masses alone is subtracted.
 """
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,7 +33,6 @@ class RigidTorque:
         parameters[list(columns)] = values
         blocks = parameters.reshape(J, PER_JOINT)
         self.rotor = blocks[:, ROTOR]  # (J,) inertia of the rotors at the joints [kg·m²]
-        self._rotors = self.rotor.tolist()
         masses = blocks[:, 0]
         point_mass = next(mass for mass in POINT_MASSES_KG if np.all(np.abs(masses + mass) >= MIN_MASS_KG))
         points = np.zeros((J, INERTIAL))
@@ -53,13 +51,6 @@ class RigidTorque:
             torque[n] -= rnea(self._points, points_data, *state)
         torque += qdd * self.rotor
         return torque
-
-    def sample(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> list[float]:
-        """`torque` of one sample, J plain numbers."""
-        state = np.array(q, float), np.array(qd, float), np.array(qdd, float)
-        whole = self._rnea(self._arm, self._data[0], *state).tolist()
-        points = self._rnea(self._points, self._data[1], *state).tolist()
-        return [link - point + rotor * a for link, point, rotor, a in zip(whole, points, self._rotors, qdd, strict=True)]
 
 
 def _pinocchio_arm(robot: Robot, mounting: Mounting, blocks: Array) -> "pinocchio.Model":
