@@ -67,9 +67,7 @@ def test_a_law_gives_one_torque_by_columns_by_sums_and_at_a_point(name, v, load)
     fitted = law.torque(values[None], qd, loads)
     s = np.abs(smooth_sign(qd))
     np.testing.assert_allclose(law.opposing_torque(values[:, None, None], s, qd, loads), fitted, rtol=1e-12, atol=1e-200)
-    np.testing.assert_allclose(
-        law.opposing_torque(values.tolist(), float(s[0, 0]), v, load), fitted[0, 0], rtol=1e-12, atol=1e-200
-    )
+    np.testing.assert_allclose(law.opposing_torque(values.tolist(), float(s[0, 0]), v, load), fitted[0, 0], rtol=1e-12, atol=1e-200)
 
 
 def test_a_law_that_does_not_begin_with_fc_and_fv_is_refused():
