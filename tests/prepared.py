@@ -21,7 +21,7 @@ from typing import Any
 
 import real_time
 
-from monitor.acquire.ur import process
+from monitor.acquire import child as process
 
 ROOT = Path(__file__).parent.parent
 SERVER = ROOT / "tests" / "prepared_start.py"
@@ -30,7 +30,7 @@ IMPORTS = {
     "simulate": ("monitor.simulate.arguments", "monitor.simulate.server"),
     "monitor": ("monitor.cli.main", "monitor.service.run"),
     # what the module imports, and not itself: it is run as a program
-    "stream": ("monitor.acquire.ur.streaming.borrow", "monitor.acquire.ur.streaming.watchdog", "monitor.acquire.ur.job"),
+    "stream": ("monitor.acquire.ur.lend", "monitor.acquire.ur.upload", "monitor.acquire.driver"),
 }
 KINDS = {"monitor.simulate": "simulate", real_time.STREAMS: "stream"}  # by the module that is run; else "monitor"
 # what a prepared process cannot do otherwise

@@ -9,7 +9,7 @@ import threading
 from contextlib import suppress
 from typing import Any
 
-from monitor.acquire.ur.process import Child
+from monitor.acquire.child import Child
 
 ARM, STREAM = 20, 19  # of SCHED_RR: the controller goes before its client, both before whatever else has such a priority
 STREAMS = "monitor.acquire.ur.stream"

@@ -217,7 +217,7 @@ def test_whatever_moves_an_arm_in_real_time_is_in_a_chain_of_arms(request):
     """Many beside each other would be late: a module that starts an arm and replays on it is in one of two lists of the suite."""
     listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME
     starts = re.compile(r"\bsimulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
-    replays = re.compile(r"monitor\.acquire\.replay import|replaying\(|\"replay\"|\"--now\"")
+    replays = re.compile(r"monitor\.acquire\.replay import [^\n]*\breplay\b|replaying\(|\"replay\"|\"--now\"")
     for path in sorted((ROOT / "tests").glob("*/test_*.py")):
         text = path.read_text("utf-8")
         if starts.search(text) and replays.search(text):

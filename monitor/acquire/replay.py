@@ -5,6 +5,8 @@ ended and the robot has been told to stop before `replay` raises.
 """
 
 import dataclasses
+import hashlib
+import json
 import time
 from typing import NoReturn
 
@@ -13,11 +15,11 @@ import numpy as np
 from monitor import __version__
 from monitor.acquire.driver import Driver, OurEnd, ReplayTask
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
-from monitor.acquire.safety.band.basis import BandBasis
-from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, named_conditions, refuse_unless
-from monitor.acquire.safety.gate import Gate
-from monitor.acquire.safety.inputs import ConditionInputs, LastMotion
+from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, conditions, named_conditions, refuse_unless
+from monitor.acquire.safety.gate import AskPermit, Gate
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, LastMotion, Permit
 from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
+from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
@@ -27,8 +29,72 @@ from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context, Recording
 
+
+def check(
+    settings: ReplaySettings,
+    excitation: Excitation,
+    robot: Robot,
+    context: Context,
+    *,
+    installation: Installation | None = None,
+    last: LastMotion | None = None,
+    ask: AskPermit | None = None,
+    driver: Driver = UNIVERSAL_ROBOTS,
+) -> tuple[ConditionResult, ...]:
+    """Every condition as it is now.
+
+    last : how the last motion ended; None: there was none. `ask` asks for somebody else's permit. An arm that does not answer fails the
+    conditions that need its answer; nothing is raised for it.
+    """
+    identity, unreachable, last = None, "", last or LastMotion()
+    try:
+        identity = driver.identity(settings.host)
+    except RobotUnreachable as error:
+        unreachable = str(error)
+    permit: Permit | None = None
+    if settings.permit == "zenoh" and ask is not None:
+        permit = ask({"robot": robot.name, "only_a_check": True}, settings.permit_timeout_s)
+        permit = permit or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s")
+    return conditions(
+        ConditionInputs(
+            settings=settings,
+            excitation=excitation,
+            robot=robot,
+            context=context,
+            now_unix_s=time.time(),
+            identity=identity,
+            unreachable=unreachable,
+            state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
+            stopped_before=last.stopped_before,
+            expected_serial=last.expected_serial,
+            permit=permit,
+            installation=installation or Installation(),
+            left=last.left,
+        )
+    )
+
+
 LEAVING_S = 1.0  # from the session's last message to the end of its process
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
+
+
+def slowed(excitation: Excitation, settings: ReplaySettings) -> Excitation:
+    """One repetition of the same trajectory, at the configured fraction of its speed."""
+    return dataclasses.replace(excitation, repetitions=1, time_scale=settings.first_pass_time_scale * excitation.time_scale)
+
+
+def first_pass_key(excitation: Excitation, settings: ReplaySettings, context: Context) -> str:
+    """Digest of everything whose change asks for a first pass: arm, trajectory and time scale, cell, mounting, payload, tool."""
+    relevant = [
+        context.robot,
+        context.serial,
+        excitation.digest,
+        None if settings.cell is None else settings.cell.digest,
+        context.mounting_rad,
+        context.payload_kg,
+        context.tool,
+    ]
+    return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()[:16]
 
 
 def replay(

@@ -1,19 +1,64 @@
 """How a replay is allowed, announced, played, supervised and ended: the settings of this room."""
 
+import ipaddress
 import math
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Self
 
 import numpy as np
 from annotated_types import Interval
 
-from monitor.acquire.hand_over.settings import HandOver
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
 from monitor.model.robot import Robot
 from monitor.recording import Array
+
+NONE = "none"
+WAYS = ("external_control", "script_node")  # the program's node asks our server at Play; or the same text lies on the controller as a file
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandOver:
+    """How a production program lends the arm."""
+
+    by: str  # one of WAYS
+    bind: str  # IPv4 address of this host on which the server of `external_control` listens; 0.0.0.0: on every one
+    port: int
+    wait_s: float  # how long one replay waits for a node at which every condition holds
+
+    @property
+    def serves(self) -> bool:
+        """Whether a server must answer on `bind` and `port` while the service runs: without it the program's node blocks at Play."""
+        return self.by == "external_control"
+
+    @classmethod
+    def of(cls, by: str, listen: str, wait_h: float) -> Self | None:
+        """The value of the three keys; None where no program lends the arm. Raises BadInput naming the key."""
+        address, _, port = listen.partition(":")
+        try:
+            bind = str(ipaddress.IPv4Address(address))
+        except ValueError:
+            bind = ""
+        if not bind or not (port.isascii() and port.isdigit() and 0 < int(port) < 65536):
+            raise BadInput(f"replay: hand_over_listen = {listen!r}; expected an IPv4 address of this host and a port, e.g. 0.0.0.0:50002")
+        if by == NONE:
+            return None
+        if by not in WAYS:
+            raise BadInput(f"replay: hand_over = {by!r}; expected {NONE}, {' or '.join(WAYS)}")
+        return cls(by=by, bind=bind, port=int(port), wait_s=3600.0 * wait_h)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProductionListenSettings:
+    """How the arm is listened to at work."""
+
+    listen: bool = False  # whether friction is estimated from ordinary work; off: work counts revolutions and residuals alone
+    rate_hz: Annotated[float, Interval(ge=10.0, le=125.0)] = 25.0  # [Hz] rows a second, where that is more than robot.listen_hz
+    deviation: Annotated[float, Interval(ge=0.01, le=0.5)] = 0.05  # fraction of friction: one standard deviation at which a joint is known
+    period_days: Annotated[float, Interval(ge=1.0, le=30.0)] = 7.0  # [d] work of so many days may be added up until a joint is known
+
 
 _WINDOW = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-(([01]\d|2[0-3]):([0-5]\d)|24:00)\Z")
 _INPUT = re.compile(r"digital_input:([0-9]|1[0-7])\Z")  # 0–7 standard, 8–15 configurable, 16–17 tool

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_type_hints
 import numpy as np
 from annotated_types import Interval
 
-from monitor.acquire.production_settings import ProductionListenSettings
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.acquire.schedule.windows import ScheduleSettings
+from monitor.acquire.settings import Installation, ProductionListenSettings, ReplaySettings
 from monitor.errors import BadInput
 from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from monitor.acquire.schedule.needed import Need, Told, need
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.health import Health
 from monitor.judge.belief import Belief
 from monitor.judge.drift.suspicion import doubted_rise

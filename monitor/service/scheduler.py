@@ -12,11 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from monitor.acquire.schedule.check import check_windows, reach_back_s
-from monitor.acquire.schedule.needed import Need, needed_windows
-from monitor.acquire.schedule.observers import ColdStart, WarmUp
-from monitor.acquire.schedule.triggers import Triggers
-from monitor.acquire.schedule.windows import Window, upcoming, windows
+from monitor.acquire.schedule.needed import ColdStart, Need, WarmUp, needed_windows
+from monitor.acquire.schedule.windows import Triggers, Window, check_windows, reach_back_s, upcoming, windows
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S

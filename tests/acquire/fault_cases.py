@@ -15,8 +15,8 @@ from processes import children
 from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.ur.ports.dashboard import Dashboard
 from monitor.acquire.ur.stream import STOP_RAMP_S
 from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from simulated_arm import known_gains
 
-from monitor.acquire.safety.band.basis import BandBasis
-from monitor.acquire.safety.band.learn_profile import learn_profile, phases, recorded_rows
-from monitor.acquire.safety.band.torque_band import TorqueBand
+from monitor.acquire.safety.torque_band import TorqueBand, learn_profile, phases, recorded_rows
+from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.config.files import find_excitation
 from monitor.judge.assess import assess

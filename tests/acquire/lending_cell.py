@@ -10,11 +10,10 @@ from pathlib import Path
 
 from simulated_arm import simulated_arm
 
-from monitor.acquire.hand_over.script import hand_over_script
-from monitor.acquire.hand_over.server import HandOverServer
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.control_script import control_script
 from monitor.acquire.ur.driver import UniversalRobots
+from monitor.acquire.ur.node_script import control_script, hand_over_script
+from monitor.acquire.ur.node_server import HandOverServer
 from monitor.simulate.remote import Remote
 
 ROBOT_API = 18080  # of a cell with a PolyScope X

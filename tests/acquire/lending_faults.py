@@ -13,7 +13,7 @@ from fault_cases import restore
 from lending_cell import Cell
 from processes import ROOT, alive, children
 
-from monitor.acquire.hand_over.script import STATE, TAKEN
+from monitor.acquire.ur.node_script import STATE, TAKEN
 
 STOP_WITHIN_S = 0.25  # of the arm's own clock, from the fault to the stop
 STANDS_WITHIN_S = 0.35  # from the stop to standstill, as in `fault_cases`

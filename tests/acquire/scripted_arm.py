@@ -7,10 +7,10 @@ from test_driver import row
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.streaming import arm as arm_module
-from monitor.acquire.ur.streaming import upload as upload_module
-from monitor.acquire.ur.streaming.arm import Arm
-from monitor.acquire.ur.streaming.failures import StreamFailure
+from monitor.acquire.ur import arm as arm_module
+from monitor.acquire.ur import upload as upload_module
+from monitor.acquire.ur.arm import Arm
+from monitor.acquire.ur.failures import StreamFailure
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 

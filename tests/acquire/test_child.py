@@ -15,10 +15,10 @@ from excitations import short
 from prepared import Process, run
 from processes import children
 
+from monitor.acquire.child import EXIT_ORPHANED
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.child import EXIT_ORPHANED
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.model.robot import load_robot
 

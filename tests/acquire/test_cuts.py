@@ -20,7 +20,7 @@ from simulated_arm import ASIDE, simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.ports.dashboard import Dashboard
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot

@@ -10,15 +10,13 @@ import pytest
 from excitations import short
 from test_guard import ready_state
 
-from monitor.acquire.check import check
 from monitor.acquire.driver import SafetyStop, SessionEnded
-from monitor.acquire.listen import Listener, ListenSettings
-from monitor.acquire.record import record
-from monitor.acquire.replay import replay
+from monitor.acquire.listen import Listener, ListenSettings, record
+from monitor.acquire.replay import check, replay
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
-from monitor.acquire.safety.band.basis import BandBasis
 from monitor.acquire.safety.inputs import LastMotion, Permit
+from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
 from monitor.acquire.watch import Caller

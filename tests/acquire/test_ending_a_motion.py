@@ -8,11 +8,11 @@ from scripted_arm import PLAYING, STOPPED, TICK_S, ScriptedMessages, Wide, cause
 from test_driver import row
 
 from monitor.acquire.rows import COLUMN
+from monitor.acquire.ur import arm as arm_module
+from monitor.acquire.ur import control as control_module
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.streaming import arm as arm_module
-from monitor.acquire.ur.streaming import control as control_module
-from monitor.acquire.ur.streaming.failures import StreamFailure
-from monitor.acquire.ur.streaming.upload import leave_nothing_behind
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.upload import leave_nothing_behind
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_every_cycle_in_order_sends_one_target(scripted):
 def test_whatever_ur_rtde_raises_on_a_lost_connection_is_named_so(monkeypatch, call):
     """It was `internal` before, which asks for a person. Around each call the dead-man timer is short, and longer again after it."""
     reports = []
-    monkeypatch.setattr(control_module.dead_man, "report_within", reports.append)
+    monkeypatch.setattr(control_module, "report_within", reports.append)
 
     class Broken:
         def __getattr__(self, name):

@@ -9,8 +9,7 @@ import pytest
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
-from monitor.acquire.ur.streaming.gaps import CycleGaps
+from monitor.acquire.ur.failures import CycleGaps, StreamFailure, state_failure
 
 SETTINGS = ReplaySettings(host="127.0.0.1")
 SOUND = ArmState(
@@ -100,7 +99,7 @@ def test_a_failure_that_late_targets_can_cause_is_named_late_and_no_other_is(cau
 
 def test_real_time_priority_is_taken_where_it_is_permitted_and_reported_where_not():
     """Tried in a process of its own: it has the priority, or the function returns False. Its threads inherit the priority."""
-    code = "import os, threading\nfrom monitor.acquire.ur.child import request_real_time\n" + (
+    code = "import os, threading\nfrom monitor.acquire.child import request_real_time\n" + (
         "got = request_real_time()\nhas = []\nt = threading.Thread(target=lambda: has.append(os.sched_getscheduler(0) == os.SCHED_FIFO))\n"
         "t.start(); t.join()\nprint(got, has[0])"
     )

@@ -17,7 +17,7 @@ from simulated_arm import simulated_arm
 
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.streaming.failures import Stopped
+from monitor.acquire.ur.failures import Stopped
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
 from monitor.simulate.faults import FAULTS as KNOWN

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from monitor.acquire.child import LONGEST_TEXT, FrameReader, message_frame, row_frame
 from monitor.acquire.rows import WIDTH
-from monitor.acquire.ur.frames import LONGEST_TEXT, FrameReader, message_frame, row_frame
 
 ROW = np.arange(WIDTH) / 7.0
 STREAM = row_frame(ROW) + message_frame("phase", {"phase": "play", "duration_s": 3.0}) + row_frame(-ROW)

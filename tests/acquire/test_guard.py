@@ -11,7 +11,7 @@ from excitations import short
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.acquire.safety import guard
+from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety.conditions import CONDITIONS, conditions
 from monitor.acquire.safety.inputs import ConditionInputs, Permit
 from monitor.acquire.safety.of_state import tilt_deg

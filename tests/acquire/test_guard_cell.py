@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from excitations import short
 
-from monitor.acquire.driver import ReplayTask
-from monitor.acquire.safety import guard, limits
+from monitor.acquire.driver import ReplayTask, job_document, task_from_document
+from monitor.acquire.safety import conditions as guard
+from monitor.acquire.safety import of_configuration as limits
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.job import job_document, task_from_document
 from monitor.config.files import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from monitor.acquire.hand_over.script import (
+from monitor.acquire.settings import HandOver
+from monitor.acquire.ur.node_script import (
     ASTRAY,
     BEAT,
     DUE,
@@ -21,7 +22,6 @@ from monitor.acquire.hand_over.script import (
     HandOverSettings,
     hand_over_script,
 )
-from monitor.acquire.hand_over.settings import HandOver
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.journal import ExceptionMessage, TextMessage

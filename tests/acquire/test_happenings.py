@@ -15,7 +15,7 @@ from simulated_arm import simulated_arm
 
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.ports.dashboard import Dashboard
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot

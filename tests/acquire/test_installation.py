@@ -13,15 +13,14 @@ from hypothesis import strategies as st
 from simulated_arm import known_gains
 from test_guard import SIMULATED, inputs, ready_state, tcp_of
 
-from monitor.acquire.driver import ReplayTask
-from monitor.acquire.safety import guard
+from monitor.acquire.driver import ReplayTask, job_document, task_from_document
+from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety.conditions import conditions, named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.safety.of_controller import SOFTWARE
 from monitor.acquire.safety.of_installation import angle_deg, offset_of, points, rotation
 from monitor.acquire.settings import Installation
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.job import job_document, task_from_document
 from monitor.config.load import load
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.energy import flange_speed

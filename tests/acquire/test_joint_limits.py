@@ -16,7 +16,7 @@ from test_guard import inputs, ready_state
 
 from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.state import Identity, JointLimits
-from monitor.acquire.ur.ports import primary
+from monitor.acquire.ur import primary
 from monitor.model.robot import load_robot
 
 WIDE = JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)

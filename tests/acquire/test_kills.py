@@ -9,7 +9,7 @@ import numpy as np
 from processes import alive, children, replaying
 from simulated_arm import ASIDE, simulated_arm
 
-from monitor.acquire.ur.ports.dashboard import Dashboard
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
 
 TOO_EARLY, ATTEMPTS = "before the kill", 4  # a replay that the machine's other work ended says nothing of kills

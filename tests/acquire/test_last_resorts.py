@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from monitor.acquire.ur.streaming.no_new_sockets import NUMBERS, RETURN_ALLOW, RETURN_KILL_PROCESS, filter_program
+from monitor.acquire.ur.last_resorts import NUMBERS, RETURN_ALLOW, RETURN_KILL_PROCESS, filter_program
 
 ROOT = Path(__file__).parent.parent.parent
 FORBIDDEN = """
 import os, socket, sys, threading, time
-from monitor.acquire.ur.streaming.no_new_sockets import forbid_new_sockets
+from monitor.acquire.ur.last_resorts import forbid_new_sockets
 peer = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
 begun, act = threading.Event(), threading.Event()
 def later():
@@ -130,10 +130,10 @@ class MultiDict(dict):
 
 BLOCKED = """
 import ctypes, signal, time
-from monitor.acquire.ur.streaming import dead_man
+from monitor.acquire.ur import last_resorts as dead_man
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
 signal.signal(signal.SIGALRM, signal.SIG_IGN)
-dead_man.watch()
+dead_man.end_this_process_on_alarm()
 for _ in range(20):
     dead_man.report_within(0.05)
     time.sleep(0.008)

@@ -9,8 +9,8 @@ from lending_cell import lending_cell
 from lending_faults import FAULTS, PHASES, play, run_fault
 from simulated_arm import known_gains
 
-from monitor.acquire.hand_over.script import OFFER
 from monitor.acquire.replay import replay
+from monitor.acquire.ur.node_script import OFFER
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.robot import load_robot
 

@@ -11,9 +11,7 @@ import pytest
 
 from monitor.acquire.driver import SessionEnded
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.listening import Listening
-from monitor.acquire.ur.observe import ROWS, observe
-from monitor.acquire.ur.signals import SIGNALS
+from monitor.acquire.ur.rtde import ROWS, SIGNALS, Listening, observe
 
 TYPE = {1: "DOUBLE", 3: "VECTOR3D", 6: "VECTOR6D"}
 WHOLE_NUMBERS = {

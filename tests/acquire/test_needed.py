@@ -5,8 +5,7 @@ import math
 import pytest
 
 from monitor.acquire.schedule.needed import Need, Told, need, needed_windows, suspicion_asks
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.schedule.windows import Window
+from monitor.acquire.schedule.windows import ScheduleSettings, Window
 from monitor.errors import BadInput
 
 DAY = 86_400.0

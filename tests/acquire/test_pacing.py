@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.acquire.ur.streaming.pacing import LARGEST_MARGIN_SHARE, MARGIN_S, POLL_S, PacketTiming
+from monitor.acquire.ur.receive import LARGEST_MARGIN_SHARE, MARGIN_S, POLL_S, PacketTiming
 
 TICK_S = 0.008
 

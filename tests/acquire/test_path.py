@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.acquire.path import joint_path
+from monitor.acquire.safety.way import joint_path
 
 angles = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 

@@ -8,8 +8,7 @@ import pytest
 from excitations import short
 from simulated_arm import known_gains, simulated_arm
 
-from monitor.acquire.check import check
-from monitor.acquire.replay import replay
+from monitor.acquire.replay import check, replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UniversalRobots
 from monitor.acquire.watch import Caller

@@ -5,8 +5,7 @@ import struct
 
 import pytest
 
-from monitor.acquire.ur.ports.primary import HEAD
-from monitor.acquire.ur.ports.program_messages import ProgramMessage, ProgramMessages, program_message
+from monitor.acquire.ur.primary import HEAD, ProgramMessage, ProgramMessages, program_message
 
 
 def robot_message(kind: int, payload: bytes) -> bytes:

@@ -13,7 +13,7 @@ import pytest
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.conditions import OF_STATE, named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs
-from monitor.acquire.safety.turns import turned
+from monitor.acquire.safety.way import turned
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
 from monitor.design.clearance import frames

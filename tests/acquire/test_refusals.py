@@ -20,9 +20,9 @@ from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
+from monitor.acquire.ur.failures import state_failure
 from monitor.acquire.ur.receive import read_row
-from monitor.acquire.ur.signals import SIGNALS
-from monitor.acquire.ur.streaming.failures import state_failure
+from monitor.acquire.ur.rtde import SIGNALS
 from monitor.acquire.watch import Caller
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot

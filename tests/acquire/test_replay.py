@@ -17,12 +17,12 @@ from prepared import Process
 from processes import children
 from simulated_arm import AT_START, known_gains
 
+from monitor.acquire.child import Child
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.ur.process import Child
 from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
@@ -282,7 +282,7 @@ def test_an_arm_that_another_client_controls_is_left_unchanged(fresh_arm):
 
 
 def running(host):
-    from monitor.acquire.ur.ports.dashboard import Dashboard
+    from monitor.acquire.ur.dashboard import Dashboard
 
     with Dashboard(host) as dashboard:
         return dashboard.ask("running").lower() == "program running: true"

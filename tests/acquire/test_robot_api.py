@@ -9,14 +9,14 @@ import pytest
 from scripted_server import ScriptedServer
 from simulated_arm import simulated_arm
 
-from monitor.acquire.check import check
 from monitor.acquire.driver import OurProgram
+from monitor.acquire.replay import check
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.survey import survey
 from monitor.acquire.ur.conversation import conversation, playing_program, safety_stop, stop_program
+from monitor.acquire.ur.dashboard import Dashboard
 from monitor.acquire.ur.driver import UniversalRobots
-from monitor.acquire.ur.ports.dashboard import Dashboard
-from monitor.acquire.ur.ports.robot_api import BASE, CONTROL, PROGRAM, RobotApi
+from monitor.acquire.ur.robot_api import BASE, CONTROL, PROGRAM, RobotApi
 from monitor.errors import RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import load_robot

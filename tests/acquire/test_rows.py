@@ -6,7 +6,7 @@ import numpy as np
 
 from monitor.acquire.rows import COLUMN, WIDTH, WIDTHS
 from monitor.acquire.state import arm_state
-from monitor.acquire.ur.signals import SIGNALS
+from monitor.acquire.ur.rtde import SIGNALS
 
 NOT_RECEIVED = {"commanded_q", "host_monotonic_s"}  # this side of the connection enters them
 

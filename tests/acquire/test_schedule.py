@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.acquire.schedule.check import check_windows, reach_back_s
-from monitor.acquire.schedule.observers import ColdStart, WarmUp
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.schedule.triggers import Triggers, evidence_window
-from monitor.acquire.schedule.windows import upcoming, windows
+from monitor.acquire.schedule.needed import ColdStart, WarmUp
+from monitor.acquire.schedule.windows import ScheduleSettings, Triggers, check_windows, evidence_window, reach_back_s, upcoming, windows
 from monitor.errors import BadInput
 from monitor.recording import DAY_S
 

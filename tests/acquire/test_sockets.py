@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from monitor.acquire.ur.streaming.sockets import PeerWatch
+from monitor.acquire.ur.last_resorts import PeerWatch
 
 HOST = "127.0.2.95"
 

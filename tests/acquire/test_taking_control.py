@@ -7,10 +7,9 @@ import pytest
 from scripted_arm import PAUSED, PLAYING, STOPPED, STOPPING, TICK_S, cause_of, rows, scripted_arm, told
 
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.ur.streaming.arm import SPEED_RISE_S, Arm
-from monitor.acquire.ur.streaming.failures import StreamFailure
-from monitor.acquire.ur.streaming.upload import NAME, START_S, start_program
-from monitor.acquire.ur.streaming.watchdog import prove_watchdog
+from monitor.acquire.ur.arm import SPEED_RISE_S, Arm
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.upload import NAME, START_S, prove_watchdog, start_program
 
 
 @pytest.fixture

@@ -10,12 +10,10 @@ from excitations import short
 from learnt_arms import NORMAL, SETTINGS, Learnt, arm_of, first_outside, learnt_arm, shipped
 from simulated_arm import known_gains
 
+from monitor.acquire.replay import first_pass_key, slowed
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.safety.band.basis import BandBasis, basis_from_document
-from monitor.acquire.safety.band.learn_profile import learn_profile, phases, recorded_rows
-from monitor.acquire.safety.band.profile import TorqueProfile
-from monitor.acquire.safety.band.torque_band import TorqueBand
-from monitor.acquire.safety.first_pass import band_for, first_pass_key, slowed
+from monitor.acquire.safety.torque_band import TorqueBand, band_for, learn_profile, phases, recorded_rows
+from monitor.acquire.safety.torque_basis import BandBasis, TorqueProfile, basis_from_document
 from monitor.acquire.settings import Installation
 from monitor.design.cell import plain_cell
 from monitor.errors import MotionRefused

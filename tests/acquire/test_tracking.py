@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.acquire.path import joint_path
-from monitor.acquire.ur.streaming.tracking import Tracking
+from monitor.acquire.safety.way import joint_path
+from monitor.acquire.ur.failures import Tracking
 
 TICK_S = 0.008
 RECENT = 25

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_guard import inputs, ready_state
 
-from monitor.acquire.safety import guard
-from monitor.acquire.safety.turns import turned
+from monitor.acquire.safety import conditions as guard
+from monitor.acquire.safety.way import turned
 from monitor.model.regressor import regressor
 from monitor.model.robot import load_robot
 from monitor.service.history.assess_and_store import robot_digest

@@ -11,9 +11,9 @@ from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, pha
 from monitor.acquire import watch as watch_module
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur import lend as borrow
 from monitor.acquire.ur import stream
-from monitor.acquire.ur.streaming import borrow
-from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
+from monitor.acquire.ur.failures import Stopped, StreamFailure
 from monitor.acquire.watch import Caller, cause_of_death
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 

@@ -23,9 +23,8 @@ def cases() -> dict[str, Callable[[], object]]:
     """What is timed, by name; a name after `vs` is what its ratio is quoted against."""
     import pinocchio as pin
 
-    from monitor.acquire.safety.band.basis import BandBasis
-    from monitor.acquire.safety.band.learn_profile import learn_profile, recorded_rows
-    from monitor.acquire.safety.band.torque_band import TorqueBand
+    from monitor.acquire.safety.torque_band import TorqueBand, learn_profile, recorded_rows
+    from monitor.acquire.safety.torque_basis import BandBasis
     from monitor.acquire.settings import Installation, ReplaySettings
     from monitor.identify.fit.jackknife import block_steps
     from monitor.identify.fit.least_squares import Rows, factors

@@ -173,7 +173,7 @@ def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, confi
     assert "protective_stop" in printed
     assert "Traceback" not in printed
     time.sleep(max(5.1 - (time.monotonic() - stopped_s), 0.0))  # the controller refuses to unlock earlier
-    from monitor.acquire.ur.ports.dashboard import Dashboard
+    from monitor.acquire.ur.dashboard import Dashboard
 
     with Dashboard(HOST) as dashboard:
         dashboard.ask("close safety popup")

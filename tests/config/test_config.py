@@ -139,7 +139,7 @@ def test_a_missing_file_and_invalid_toml_give_a_message(tmp_path: Path):
 @pytest.mark.parametrize("path", sorted((ROOT / "config" / "excitation").glob("*.json")), ids=lambda path: path.stem)
 def test_every_shipped_excitation_starts_and_ends_at_rest_within_the_robots_limits(path: Path):
     """Every shipped trajectory can be replayed: it passes the check that guards a replay."""
-    from monitor.acquire.safety.limits import within_limits
+    from monitor.acquire.safety.of_configuration import within_limits
     from monitor.model.fourier import excitation_from_document
     from monitor.model.robot import load_robot
 

@@ -16,7 +16,7 @@ import zenoh
 from once import once
 from undeclared import undeclared
 
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
 from monitor.errors import BadInput

@@ -10,7 +10,7 @@ from command_line import ended
 from simulated_arm import simulated_arm
 from test_daemon import Cell, eventually, stop
 
-from monitor.acquire.hand_over.server import REQUEST
+from monitor.acquire.ur.node_server import REQUEST
 from monitor.publish.client import Client
 from monitor.service.hand_over.node_text import number_of
 from monitor.simulate.remote import Remote

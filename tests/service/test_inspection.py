@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from monitor.acquire.duty import DutyCounter
 from monitor.acquire.listen import LiveState
-from monitor.acquire.ur.ports.reported_errors import ReportedError, ReportedErrors, ReportedMode, reported_error, reported_mode
+from monitor.acquire.ur.primary import ReportedError, ReportedErrors, ReportedMode, reported_error, reported_mode
 from monitor.cli.main import app
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError

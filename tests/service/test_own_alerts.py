@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
 
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.publish.documents import AckRequest, Alert, Event, Health
 from monitor.recording import DAY_S

@@ -13,11 +13,11 @@ from command_line import ended
 from sim_process import Spawned
 from test_hand_over_script import CONTROL
 
-from monitor.acquire.hand_over.script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN, VERSION
-from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
+from monitor.acquire.settings import HandOver
 from monitor.acquire.ur.driver import UniversalRobots
-from monitor.acquire.ur.ports.rtde_rows import PORT as RTDE_PORT
+from monitor.acquire.ur.node_script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN, VERSION
+from monitor.acquire.ur.rtde import PORT as RTDE_PORT
 from monitor.config.load import load
 from monitor.errors import BadInput, RobotUnreachable
 from monitor.service.hand_over.node_check import node_conditions, own_address

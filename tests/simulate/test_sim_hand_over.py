@@ -3,9 +3,8 @@
 import pytest
 from sim_process import result_of
 
-from monitor.acquire.hand_over.script import hand_over_script
-from monitor.acquire.hand_over.server import HandOverServer
-from monitor.acquire.ur.control_script import control_script
+from monitor.acquire.ur.node_script import control_script, hand_over_script
+from monitor.acquire.ur.node_server import HandOverServer
 
 BORROW = """
 import json, os, socket, sys, threading, time, urllib.request

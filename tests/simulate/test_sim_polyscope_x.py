@@ -12,7 +12,7 @@ import pytest
 from raw_rtde import RawRtde
 from sim_process import result_of
 
-from monitor.acquire.hand_over.server import HandOverServer
+from monitor.acquire.ur.node_server import HandOverServer
 from monitor.errors import BadInput
 from monitor.simulate.settings import SimulateSettings
 

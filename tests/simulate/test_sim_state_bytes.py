@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sim_pendant import Pendant
 
-from monitor.acquire.ur.ports.reported_errors import reported_error
+from monitor.acquire.ur.primary import reported_error
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.controller.identity.codes import ASKED
 from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.in_production import DAILY_UNTIL, Plan, ProductionSettings, played

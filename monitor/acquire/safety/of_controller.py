@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
-from monitor.acquire.safety.limits import CHECK_RATE_HZ
+from monitor.acquire.safety.of_configuration import CHECK_RATE_HZ
 from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 from monitor.reason import joint_text

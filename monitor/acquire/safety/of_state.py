@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
-from monitor.acquire.safety.limits import clear_line
+from monitor.acquire.safety.of_configuration import clear_line
 from monitor.acquire.safety.way import Way
 from monitor.acquire.state import (
     FULL_SPEED,

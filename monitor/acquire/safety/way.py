@@ -5,18 +5,91 @@ trajectory stands where that line may be long, and where nobody has driven it: i
 itself, slowly. It does so only where it still stands exactly as it was left.
 """
 
+import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from monitor.acquire.path import JointPath, joint_path
-from monitor.acquire.safety.turns import turned
 from monitor.acquire.settings import ReplaySettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Array
+
+SHORTEST_S = 0.2  # a path of no length takes this time too, so that a phase always has a beginning and an end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointPath:
+    """A path from start to end; the joint that moves farthest keeps the speed and the acceleration that were asked for."""
+
+    start: Array  # (J,) [rad]
+    end: Array  # (J,) [rad]
+    ramp_s: float  # how long the speed rises, and how long it falls
+    duration_s: float
+
+    def at(self, t_s: float) -> Array:
+        """The position (J,) at time t; before the beginning it is the start, after the end it is the end."""
+        t = min(max(t_s, 0.0), self.duration_s)
+        cruise = 1.0 / (self.duration_s - self.ramp_s)  # share of the path that is covered in a second of constant speed
+        if t < self.ramp_s:
+            share = cruise * _cruise_time_s(t, self.ramp_s)
+        elif t > self.duration_s - self.ramp_s:
+            share = 1.0 - cruise * _cruise_time_s(self.duration_s - t, self.ramp_s)
+        else:
+            share = cruise * (t - 0.5 * self.ramp_s)
+        position: Array = self.start + share * (self.end - self.start)
+        return position
+
+
+def _cruise_time_s(t_s: float, ramp_s: float) -> float:
+    """Time that constant speed needs for the way covered in the first t of a ramp: ∫₀ᵗ 3u² − 2u³ dt, u = t/ramp (a smoothstep)."""
+    u = t_s / ramp_s
+    return ramp_s * (u**3 - 0.5 * u**4)
+
+
+def joint_path(start: Array, end: Array, *, speed_rad_s: float, acceleration_rad_s2: float) -> JointPath:
+    """The quickest such path from start to end, both (J,) [rad], within a speed and an acceleration.
+
+    A smoothstep of duration r up to the speed v has its greatest acceleration 1.5·v/r in its middle.
+    """
+    way = float(np.max(np.abs(end - start)))
+    ramp_s = 1.5 * speed_rad_s / acceleration_rad_s2
+    if way >= speed_rad_s * ramp_s:
+        duration_s = way / speed_rad_s + ramp_s
+    else:  # the way is too short to reach the speed: v = way/r, hence 1.5·way/r² = a
+        ramp_s = math.sqrt(1.5 * way / acceleration_rad_s2)
+        duration_s = 2.0 * ramp_s
+    if duration_s < SHORTEST_S:
+        ramp_s, duration_s = 0.5 * SHORTEST_S, SHORTEST_S
+    return JointPath(start=start, end=end, ramp_s=ramp_s, duration_s=duration_s)
+
+
+TURN_RAD = 2.0 * math.pi
+TURN_SAMPLES = 1001  # of one period: between two a curve below 10 Hz exceeds them by less than a thousandth of its swing
+ROUNDING_RAD = 1e-6
+
+
+def turned(excitation: Excitation, robot: Robot, q: Array) -> Excitation:
+    """The same trajectory with each joint as many whole turns on as bring its start nearest to q (J,), within the joint's range.
+
+    A joint without end leaves ±max_position_rad only where it stands beyond it already: that shows that its installation allows it.
+    """
+    if not np.all(np.isfinite(q)):
+        return excitation
+    wished = np.round((q - excitation.at(np.zeros(1)).q[0]) / TURN_RAD)  # (J,)
+    if not np.any(wished):
+        return excitation
+    curve = excitation.at(np.linspace(0.0, excitation.pass_s, TURN_SAMPLES)).q  # (N, J)
+    free = (robot.endless > 0.0) & (np.abs(q) > robot.max_position_rad)  # (J,)
+    limit = np.where(free, np.inf, robot.max_position_rad + ROUNDING_RAD)
+    lowest = np.ceil((-limit - np.min(curve, axis=0)) / TURN_RAD)
+    highest = np.floor((limit - np.max(curve, axis=0)) / TURN_RAD)
+    turns = np.clip(wished, np.minimum(lowest, 0.0), np.maximum(highest, 0.0))  # (J,)
+    return excitation if not np.any(turns) else dataclasses.replace(excitation, offset_rad=excitation.offset_rad + TURN_RAD * turns)
+
 
 LEFT_RAD = 0.02  # an arm sags by less when its brakes close; one that stands farther from where it was left was moved by somebody
 JOIN_RAD = 0.2  # each joint brakes by itself: at 10 rad/s² an arm stopped at full speed is 0.05 rad from its path, at 4 rad/s² 0.17

@@ -1,17 +1,77 @@
-"""Windows: spans of time in which one replay may begin, each with a key that the ledger knows it by.
+"""When to replay: the settings, the windows that they open, what opens one beside the clock, and what is due or missed now.
 
-Keys follow from the settings alone. So a restart, a second process, or a clock that jumps finds the same keys, and the ledger lets each
-of them be used once.
+A window is a span of time in which one replay may begin. Its key follows from the settings alone: a restart, a second process, or a clock
+that jumps finds the same keys, and the ledger lets each of them be used once.
 """
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, Protocol
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from monitor.acquire.schedule.cron import cron_times
-from monitor.acquire.schedule.local_time import blackout
-from monitor.acquire.schedule.settings import ScheduleSettings
+from annotated_types import Interval
+
+from monitor.acquire.schedule.times import blackout, cron_times, cron_trigger, is_blackout, is_span, midnight_before, spans_from
+from monitor.errors import BadInput
 from monitor.recording import DAY_S
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScheduleSettings:
+    """When to replay."""
+
+    timezone: str = "UTC"  # of cron, blackout and evidence_windows
+    cron: str = "0 3 * * *"  # minute, hour, day, month, weekday; empty: no such windows
+    every_h: Annotated[float, Interval(ge=0.0, le=8784.0)] = 0.0  # [h] between further windows, counted in UTC; 0: no such windows
+    replay: Literal["always", "when_needed"] = "always"  # in every window; or only where the arm's ordinary work does not tell enough
+    at_most_days: Annotated[float, Interval(ge=1.0, le=365.0)] = 30.0  # [d] without a replay, where replay is when_needed
+    untold_days: Annotated[float, Interval(ge=1.0, le=90.0)] = 7.0  # [d] in which neither work nor a replay has told of a joint, likewise
+    grace_s: Annotated[float, Interval(ge=10.0, le=86400.0)] = 600.0  # [s] a window stays open; one without a replay is logged as skipped
+    tries: Annotated[int, Interval(ge=1, le=10)] = 3  # replays begun in one window where this machine or the network ended the one before
+    try_again_after_s: Annotated[float, Interval(ge=1.0, le=3600.0)] = 60.0  # [s] before the next of them
+    learn_within_days: Annotated[float, Interval(ge=0.0, le=3660.0)] = (
+        0.0  # [d] without a verdict are a problem; 0: three windows, at least 2 d
+    )
+    heard_within_days: Annotated[float, Interval(ge=0.0, le=3660.0)] = 0.0  # [d] an arm may be unheard; 0: two windows, at least 1 d
+    jitter_s: Annotated[float, Interval(ge=0.0, le=43200.0)] = 0.0  # [s] each window opens later by a share of this, its own for each robot
+    blackout: tuple[str, ...] = ()  # "2026-12-24..2027-01-02" or single days on which no window opens
+    after_warm_up: bool = False  # begin only while the joints' temperatures are steady
+    warm_k_per_10_min: Annotated[float, Interval(ge=0.05, le=20.0)] = 0.5  # [K] temperatures that change by less in 10 min are steady
+    cold_start_after_h: Annotated[float, Interval(ge=0.0, le=168.0)] = 0.0  # [h] of rest before a cold start opens a window; 0: none does
+    learning_days: Annotated[float, Interval(ge=0.0, le=90.0)] = 14.0  # [d] the learning phase, from the first window on
+    learning_every_h: Annotated[float, Interval(ge=0.0, le=168.0)] = 0.0  # [h] between windows in that phase; 0: as at any time
+    evidence_windows: tuple[str, ...] = ()  # "22:00-05:00": when a replay may be pulled forward; empty: never
+    evidence_pause_h: Annotated[float, Interval(ge=1.0, le=720.0)] = 24.0  # [h] at most one replay is pulled forward in this time
+
+    def __post_init__(self) -> None:
+        """Raises BadInput naming the setting, its value and what would be right."""
+        self.zone()
+        cron_trigger(self.cron)
+        if not self.jitter_s < self.grace_s:
+            raise BadInput(
+                f"schedule.jitter_s = {self.jitter_s:g}: expected less than grace_s = {self.grace_s:g}, or windows close unopened"
+            )
+        if self.untold_days > self.at_most_days:
+            raise BadInput(f"schedule.untold_days = {self.untold_days:g}: expected at most at_most_days = {self.at_most_days:g}")
+        wrong = [text for text in self.blackout if not is_blackout(text)]
+        if wrong:
+            raise BadInput(f"schedule.blackout = {_listed(wrong)}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")
+        wrong = [text for text in self.evidence_windows if not is_span(text)]
+        if wrong:
+            raise BadInput(f"schedule.evidence_windows = {_listed(wrong)}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
+
+    def zone(self) -> ZoneInfo:
+        """The time zone. Raises BadInput."""
+        try:
+            return ZoneInfo(self.timezone)
+        except (ZoneInfoNotFoundError, ValueError, OSError):
+            raise BadInput(f"schedule.timezone = {self.timezone!r}: expected a name such as UTC or Europe/Berlin") from None
+
+
+def _listed(texts: Iterable[str]) -> str:
+    return ", ".join(repr(text) for text in texts)
+
 
 HORIZONS_DAYS = (2, 40, 400)  # coming windows are searched so far ahead, step by step until there are enough
 
@@ -105,3 +165,84 @@ def _regular_times(every_h: float, from_unix_s: float, to_unix_s: float) -> Iter
 def _share(salt: str, key: float) -> float:
     """A window's own number in [0, 1): the same after every restart, another for every robot."""
     return int.from_bytes(hashlib.sha256(f"{salt} {key!r}".encode()).digest()[:6]) / 2**48
+
+
+# two windows with one key are one window; these offsets keep the keys of cold start and evidence apart from those of the clock
+COLD_START_KEY_S = 0.001  # after the beginning of the day
+EVIDENCE_KEY_S = 0.002  # after the beginning of a pause
+
+
+class Triggers(NamedTuple):
+    """When something opened a window beside the clock; None: nothing did."""
+
+    cold_start_unix_s: float | None = None  # the arm ran again after a long rest
+    evidence_unix_s: float | None = None  # production motion indicated more friction
+
+
+def triggered_windows(settings: ScheduleSettings, triggers: Triggers) -> Iterator[Window]:
+    """The windows that the triggers open, as far as no blackout forbids them."""
+    dark = blackouts(settings)
+    for made in (cold_start_window(settings, triggers.cold_start_unix_s), evidence_window(settings, triggers.evidence_unix_s)):
+        if made is not None and (left := before_blackouts(dark, made)) is not None:
+            yield left
+
+
+def cold_start_window(settings: ScheduleSettings, at_unix_s: float | None) -> Window | None:
+    """The window of an arm that ran again at that time, after a rest; its key allows one such window a day."""
+    if at_unix_s is None or not settings.cold_start_after_h:
+        return None
+    key = midnight_before(at_unix_s, settings.zone()) + COLD_START_KEY_S
+    return Window(key, at_unix_s, at_unix_s + settings.grace_s, "cold start")
+
+
+def evidence_window(settings: ScheduleSettings, at_unix_s: float | None) -> Window | None:
+    """The window of evidence that was seen at that time: the first allowed span; its key allows one such window a pause."""
+    if at_unix_s is None or not settings.evidence_windows:
+        return None
+    pause_s = 3600.0 * settings.evidence_pause_h
+    key = at_unix_s // pause_s * pause_s + EVIDENCE_KEY_S
+    zone = settings.zone()
+    opens, closes = min(span for text in settings.evidence_windows for span in spans_from(text, at_unix_s, zone))
+    return Window(key, max(opens, at_unix_s), closes, "evidence")
+
+
+LOOK_BACK_S = 60 * DAY_S  # windows missed longer ago are not entered one by one
+MOST_MISSED = 60  # windows that are reported as missed at once, the latest ones
+LONGEST_DAY_S = DAY_S + 2 * 3600.0  # a day on which the wall clock is set back, with an hour to spare
+
+
+class WindowCheck(NamedTuple):
+    """What the schedule says at one moment."""
+
+    due: Window | None
+    merged: tuple[Window, ...]  # open too: one replay serves them all
+    missed: tuple[Window, ...]  # closed without a replay
+
+
+def check_windows(
+    settings: ScheduleSettings,
+    *,
+    now_unix_s: float,
+    since_unix_s: float,
+    entered: Iterable[float],
+    began_unix_s: float | None,
+    salt: str = "",
+    triggers: Triggers | None = None,
+) -> WindowCheck:
+    """What is due now, and what was missed.
+
+    `since_unix_s` is the time until which the schedule was watched: windows that closed later, and whose keys are not `entered` in the
+    ledger, were missed. `began_unix_s` is the ledger's first window, from which the learning phase is counted.
+    """
+    since = max(min(since_unix_s, now_unix_s), now_unix_s - LOOK_BACK_S)
+    used = set(entered)
+    of_the_clock = windows(settings, since - settings.grace_s, now_unix_s, began_unix_s, salt)
+    known = [window for window in (*of_the_clock, *triggered_windows(settings, triggers or Triggers())) if window.key_unix_s not in used]
+    open_now = sorted((each for each in known if each.opens_unix_s <= now_unix_s < each.closes_unix_s), key=lambda each: each.key_unix_s)
+    missed = sorted(each for each in known if since < each.closes_unix_s <= now_unix_s)
+    return WindowCheck(open_now[-1] if open_now else None, tuple(open_now[:-1]), tuple(missed[-MOST_MISSED:]))
+
+
+def reach_back_s(settings: ScheduleSettings) -> float:
+    """How long before `since_unix_s` a window that matters now may have its key: so far back the ledger must be asked."""
+    return settings.grace_s + max(LONGEST_DAY_S, 3600.0 * settings.evidence_pause_h)

@@ -14,9 +14,9 @@ from typing import Protocol
 
 from monitor.acquire.driver import OurEnd, OurProgram, SafetyStop
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.ports.dashboard import Dashboard, NobodyListens
-from monitor.acquire.ur.ports.robot_api import PORT as ROBOT_API_PORT
-from monitor.acquire.ur.ports.robot_api import Refused, RobotApi
+from monitor.acquire.ur.dashboard import Dashboard, NobodyListens
+from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
+from monitor.acquire.ur.robot_api import Refused, RobotApi
 from monitor.errors import RobotUnreachable
 
 log = logging.getLogger(__name__)

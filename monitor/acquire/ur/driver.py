@@ -4,18 +4,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session
-from monitor.acquire.hand_over.script import OFFER, VERSION
+from monitor.acquire.child import Child
+from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
 from monitor.acquire.state import ArmState, Identity
-from monitor.acquire.ur import conversation
-from monitor.acquire.ur.job import job_document
-from monitor.acquire.ur.listening import Listening
-from monitor.acquire.ur.observe import observe
-from monitor.acquire.ur.ports import primary
-from monitor.acquire.ur.ports.reported_errors import ReportedErrors
-from monitor.acquire.ur.ports.robot_api import PORT as ROBOT_API_PORT
-from monitor.acquire.ur.ports.rtde_rows import output_integers, software_of
-from monitor.acquire.ur.process import Child
+from monitor.acquire.ur import conversation, primary
+from monitor.acquire.ur.node_script import OFFER, VERSION
+from monitor.acquire.ur.primary import ReportedErrors
+from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
+from monitor.acquire.ur.rtde import Listening, observe, output_integers, software_of
 from monitor.errors import RobotUnreachable
 
 REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds
@@ -68,7 +64,7 @@ class UniversalRobots:
     def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
         """A process that receives every tick; else a socket in this one."""
         if every_tick:
-            return Child("monitor.acquire.ur.listen", {"host": host, "rate_hz": rate_hz})
+            return Child("monitor.acquire.ur.receive", {"host": host, "rate_hz": rate_hz})
         return Listening(host, rate_hz)
 
     def errors(self, host: str) -> ReportedErrors:

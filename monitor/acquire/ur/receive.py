@@ -1,17 +1,66 @@
-"""What ur-rtde is asked for, and how one tick becomes a row. Import this module only in a child process.
+"""Receiving every tick by ur-rtde: `python -m monitor.acquire.ur.receive` sends each row to its parent. Import it only in a child process.
 
 Only variables that ur-rtde decodes are asked for: a variable that it does not know would shift every later one without an error.
+
+The controller sends one packet every tick. A packet's arrival, on the host's clock, differs from its own timestamp by an offset that hardly
+changes, so the next arrival can be predicted. The cycle sleeps until shortly before it, and checks every POLL_S from then on. To check
+every POLL_S during the whole tick would take much more processor time, and would not find the packet sooner.
 """
 
+import ipaddress
 import math
 import re
+import time
+from typing import NamedTuple
 
 import numpy as np
 from rtde_receive import RTDEReceiveInterface
 
+from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.signals import SIGNALS, Signal
+from monitor.acquire.ur.rtde import SIGNALS, Signal
 from monitor.recording import Array
+
+POLL_S = 0.0003  # between two checks around the expected arrival; shorter sleeps take more processor time and hardly gain precision
+MARGIN_S = 0.0005  # the cycle wakes so much earlier than the packet is expected: for the jitter of the network and of the search
+LARGEST_MARGIN_SHARE = 0.6  # of a tick: on a machine that wakes sleepers very late the cycle still sleeps for a part of each tick
+LONGEST_SLEEP_S = 0.008  # one tick at 125 Hz: the parent's words and the connection are checked so often, also at lower rates
+OFFSET_RISE = 2e-3  # s per s: twenty times the largest drift of two clocks; a packet that came 1 ms early is forgotten within 0.5 s
+MEAN_WEIGHT, DEVIATION_WEIGHT = 1 / 8, 1 / 4  # of the newest delay; Jacobson's estimator as in RFC 6298, section 2
+DEVIATIONS = 2.0  # added to the mean delay: then nine wake-ups of ten come in time
+
+
+class PacketTiming(NamedTuple):
+    """When packets arrive, and how late this machine wakes a process that sleeps."""
+
+    timestamp_s: float  # of the newest packet, on the controller's clock
+    offset_s: float  # smallest recent difference: host's clock when a packet was seen minus the packet's timestamp
+    late_s: float = 0.0  # mean delay of the recent wake-ups
+    late_deviation_s: float = 0.0  # mean absolute deviation from it
+
+    def arrived(self, timestamp_s: float, seen_s: float) -> "PacketTiming":
+        """The timing after a packet with that timestamp was seen at that time of the host's clock.
+
+        A packet is never seen before it arrives, so the smallest difference is the best estimate. It may rise by OFFSET_RISE only.
+        """
+        allowed_s = self.offset_s + OFFSET_RISE * max(timestamp_s - self.timestamp_s, 0.0)
+        return self._replace(timestamp_s=timestamp_s, offset_s=min(seen_s - timestamp_s, allowed_s))
+
+    def woke(self, late_s: float) -> "PacketTiming":
+        """The timing after a sleep that lasted so much longer than asked for."""
+        return self._replace(
+            late_s=(1.0 - MEAN_WEIGHT) * self.late_s + MEAN_WEIGHT * late_s,
+            late_deviation_s=(1.0 - DEVIATION_WEIGHT) * self.late_deviation_s + DEVIATION_WEIGHT * abs(late_s - self.late_s),
+        )
+
+    def sleep_s(self, now_s: float, tick_s: float) -> float:
+        """How long to sleep now, on the host's clock: until shortly before the next packet; at least POLL_S, at most LONGEST_SLEEP_S.
+
+        Once the packet is due or overdue the answer is POLL_S.
+        """
+        margin_s = min(MARGIN_S + self.late_s + DEVIATIONS * self.late_deviation_s, LARGEST_MARGIN_SHARE * tick_s)
+        expected_s = self.timestamp_s + tick_s + self.offset_s
+        return min(max(expected_s - margin_s - now_s, POLL_S), LONGEST_SLEEP_S)
 
 
 class TornRow(Exception):
@@ -62,3 +111,45 @@ def _without_nan(value: float | list[float]) -> float | list[float]:
     if isinstance(value, list):
         return [math.inf if math.isnan(each) else each for each in value]
     return math.inf if math.isnan(value) else value
+
+
+def send_rows(host: str, rate_hz: float, outbox: Outbox, lifeline: Lifeline) -> None:
+    """Send rows until the connection is lost; leaves the process where the parent is gone.
+
+    Raises RuntimeError or TornRow where the connection breaks off.
+    """
+    if not ipaddress.ip_address(host).is_loopback:
+        request_real_time()  # before ur-rtde starts its threads, which inherit it
+    receive, signals = connect_receiver(host, rate_hz)
+    timestamp_s = receive.getTimestamp()
+    timing = PacketTiming(timestamp_s=timestamp_s, offset_s=time.monotonic() - timestamp_s)
+    sent_s = None
+    while receive.isConnected():
+        timestamp_s, now = receive.getTimestamp(), time.monotonic()
+        if timestamp_s != sent_s:
+            row, _ = read_row(receive, signals)
+            row[COLUMN["host_monotonic_s"]] = time.monotonic()
+            sent_s = float(row[0])
+            timing = timing.arrived(sent_s, now)
+            outbox.row(row)
+        lifeline.word()
+        began = time.monotonic()
+        planned_s = timing.sleep_s(began, 1.0 / rate_hz)
+        time.sleep(planned_s)
+        timing = timing.woke(time.monotonic() - began - planned_s)
+
+
+def main() -> None:
+    """Listen as the job on standard input says; never returns."""
+    job, outbox, lifeline = begin()
+    host = job["host"]
+    try:
+        send_rows(host, job["rate_hz"], outbox, lifeline)
+        outbox.message("lost", text=f"{host}: the RTDE connection was lost")
+    except (RuntimeError, TornRow) as error:
+        outbox.message("lost", text=f"{host}: RTDE: {error}")
+    leave(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -14,21 +14,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.acquire.driver import ReplayTask
+from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
+from monitor.acquire.driver import ReplayTask, task_from_document
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety import guard
-from monitor.acquire.safety.band.torque_band import TorqueBand
-from monitor.acquire.safety.first_pass import band_for
+from monitor.acquire.safety.conditions import check_quick, check_state, inputs
 from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.torque_band import TorqueBand, band_for
 from monitor.acquire.safety.way import Left
 from monitor.acquire.state import RUNTIME_PLAYING, STANDSTILL_RAD_S, arm_state
-from monitor.acquire.ur.child import Lifeline, Outbox, begin, leave, request_real_time
-from monitor.acquire.ur.job import task_from_document
-from monitor.acquire.ur.streaming import borrow
-from monitor.acquire.ur.streaming.arm import UNWATCHED_S, Arm
-from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure
-from monitor.acquire.ur.streaming.upload import leave_nothing_behind, start_program
-from monitor.acquire.ur.streaming.watchdog import prove_watchdog
+from monitor.acquire.ur import lend as borrow
+from monitor.acquire.ur.arm import UNWATCHED_S, Arm
+from monitor.acquire.ur.failures import Stopped, StreamFailure
+from monitor.acquire.ur.upload import leave_nothing_behind, prove_watchdog, start_program
 from monitor.errors import MonitorError, MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
@@ -69,7 +66,7 @@ def connect(task: ReplayTask, outbox: Outbox, lifeline: Lifeline, known: Conditi
             with _given_back_if_refused(arm), arm.beats():
                 _prove(arm, task, known)
         with _given_back_if_refused(arm):
-            guard.check_state(replace(known, state=arm_state(arm.fresh_row())), without=("approach_clear",))
+            check_state(replace(known, state=arm_state(arm.fresh_row())), without=("approach_clear",))
     except StreamFailure as failure:
         if arm.program_sent:
             raise
@@ -81,12 +78,12 @@ def _prove(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
     """See the arm in order and at rest, wait for `go`, and prove the way to the start. Raises MotionRefused, Stopped, StreamFailure."""
     rows = [arm.next_row() for _ in range(STATE_ROWS)]
     for row in rows:
-        guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
+        check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
     arm.guard_torque(_band(task, rows[-1]))
     last = wait_for_go(arm, rows)
-    guard.check_state(replace(known, state=arm_state(last)))
+    check_state(replace(known, state=arm_state(last)))
     arm.approach_proved(last[COLUMN["target_q"]])
-    guard.check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
+    check_state(replace(known, state=arm_state(arm.next_row())), without=("approach_clear",))
 
 
 @contextmanager
@@ -299,8 +296,8 @@ def main() -> None:
     arm: Arm | None = None
     try:
         task = task_from_document(job)
-        known = guard.inputs(task.settings, task.excitation, task.robot, task.context, task.installation, task.left)
-        guard.check_quick(known)
+        known = inputs(task.settings, task.excitation, task.robot, task.context, task.installation, task.left)
+        check_quick(known)
         arm = connect(task, outbox, lifeline, known)
         play(arm, known, take_control(arm))
         outbox.message(

@@ -128,7 +128,7 @@ def record(
     as_json: JsonOption = False,
 ) -> None:
     """Only listen, while a program of yours moves the arm, and save the recording."""
-    from monitor.acquire.record import record as listen
+    from monitor.acquire.listen import record as listen
     from monitor.store.formats.recordings import write_recording
     from monitor.views.terminal.progress import progress
 

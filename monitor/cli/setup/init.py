@@ -318,13 +318,13 @@ def _key_part(*, site: str = "lab", robot: str = "arm") -> None:
 
 
 def _zone(text: str) -> None:
-    from monitor.acquire.schedule.settings import ScheduleSettings
+    from monitor.acquire.schedule.windows import ScheduleSettings
 
     ScheduleSettings(timezone=text)
 
 
 def _cron(text: str) -> None:
-    from monitor.acquire.schedule.settings import ScheduleSettings
+    from monitor.acquire.schedule.windows import ScheduleSettings
 
     ScheduleSettings(cron=text)
 

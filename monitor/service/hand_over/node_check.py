@@ -4,9 +4,9 @@ import socket
 from contextlib import suppress
 from ipaddress import ip_address
 
-from monitor.acquire.hand_over.server import REQUEST
-from monitor.acquire.hand_over.settings import HandOver
 from monitor.acquire.safety.inputs import ConditionResult
+from monitor.acquire.settings import HandOver
+from monitor.acquire.ur.node_server import REQUEST
 from monitor.config.schema import Configuration
 from monitor.service.hand_over.node_server import NO_TEXT
 from monitor.service.hand_over.node_text import MARK, kept, number_of, version_of

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from monitor.acquire.driver import Driver
-from monitor.acquire.hand_over.server import HandOverServer
-from monitor.acquire.hand_over.settings import HandOver
+from monitor.acquire.settings import HandOver
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.ur.node_server import HandOverServer
 from monitor.errors import MonitorError
 from monitor.service.hand_over.node_text import NodeText, keep, kept, node_text
 from monitor.service.problems import Problems

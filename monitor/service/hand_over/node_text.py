@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from monitor.acquire.driver import Driver
-from monitor.acquire.hand_over.script import hand_over_script
-from monitor.acquire.ur.control_script import control_script
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.ur.node_script import control_script, hand_over_script
 from monitor.errors import BadInput
 
 FILE = "hand-over-node.json"

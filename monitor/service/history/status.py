@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from monitor.acquire.schedule.needed import ALWAYS, Need
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.schedule.windows import expected
+from monitor.acquire.schedule.windows import ScheduleSettings, expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.documents import alert_document, health_from_document

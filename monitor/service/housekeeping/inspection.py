@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 from monitor.acquire.duty import TOGETHER_S, DutyCounter, ReportedStops, Seconds
 from monitor.acquire.listen import LiveState
-from monitor.acquire.ur.ports.reported_errors import Reported, ReportedError, ReportedMode
+from monitor.acquire.ur.primary import Reported, ReportedError, ReportedMode
 from monitor.errors import StoreError
 from monitor.recording import DAY_S
 from monitor.service.bus.publisher import Publisher

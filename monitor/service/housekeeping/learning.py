@@ -9,8 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from monitor.acquire.schedule.needed import WHEN_NEEDED
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.schedule.windows import upcoming
+from monitor.acquire.schedule.windows import ScheduleSettings, upcoming
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.condition import Allowed, ServiceSituation, Standing
 from monitor.publish.timestamps import rfc3339

@@ -5,7 +5,7 @@ import pickle
 import sys
 from typing import Any, NoReturn
 
-from monitor.acquire.ur.child import bind_to_parent, leave, leave_if_orphaned
+from monitor.acquire.child import bind_to_parent, leave, leave_if_orphaned
 from monitor.errors import MonitorError
 from monitor.service.processes.apart import FAILED, LENGTH, RESULT, ComputingFailed
 

@@ -10,11 +10,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from monitor.acquire.check import check
 from monitor.acquire.driver import Driver
 from monitor.acquire.ending import judged_end, look
-from monitor.acquire.replay import replay
-from monitor.acquire.safety.first_pass import first_pass_key, slowed
+from monitor.acquire.replay import check, first_pass_key, replay, slowed
 from monitor.acquire.safety.gate import AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, LastMotion, Permit
 from monitor.acquire.safety.way import Left

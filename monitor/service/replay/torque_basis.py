@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.acquire.safety.band.basis import BandBasis
-from monitor.acquire.safety.band.learn_profile import learn_profile
+from monitor.acquire.safety.torque_band import learn_profile
+from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.evidence import Counts, nothing_counted, raised_by_production, wear_of_state, weigh_evidence
 from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.observation import Observation

@@ -7,7 +7,7 @@ joints work has found wear, or makes it likely, or the last replays a change. No
 import numpy as np
 
 from monitor.acquire.schedule.needed import SUSPECTED_DAYS, Told, need
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.recording import DAY_S, Array
 
 WINDOW_DAY = 0.125  # [d] a window opens at 3 o'clock, and the day before was judged at midnight

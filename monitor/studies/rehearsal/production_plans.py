@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
-from monitor.acquire.schedule.settings import ScheduleSettings
+from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.assess import AssessSettings
 from monitor.studies.figures import DAYS_A_YEAR, at_least_one
 from monitor.studies.rehearsal.detection import LATEST_ONSET, days_to_play, onsets

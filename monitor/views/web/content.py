@@ -13,8 +13,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.acquire.schedule.needed import WHEN_NEEDED
-from monitor.acquire.schedule.settings import ScheduleSettings
-from monitor.acquire.schedule.windows import expected
+from monitor.acquire.schedule.windows import ScheduleSettings, expected
 from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339, unix_s
 from monitor.store.store import Store

@@ -1,6 +1,6 @@
 """The node of the program that lends the arm, as the streaming process sees it: its output registers, and what is written into its inputs.
 
-`monitor.acquire.hand_over.script` says what each register means.
+`monitor.acquire.ur.node_script` says what each register means.
 """
 
 import threading
@@ -12,8 +12,8 @@ import numpy as np
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
-from monitor.acquire.hand_over.script import BEAT, DUE, ECHO, NUMBER_MAX, OFFER, OFFERED, STATE, TAKE, TAKEN
-from monitor.acquire.ur.streaming.failures import StreamFailure
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.node_script import BEAT, DUE, ECHO, NUMBER_MAX, OFFER, OFFERED, STATE, TAKE, TAKEN
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array
 

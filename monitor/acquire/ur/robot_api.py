@@ -18,7 +18,7 @@ from urllib.parse import urljoin, urlsplit
 import h11
 
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.ports.dashboard import NobodyListens
+from monitor.acquire.ur.dashboard import NobodyListens
 from monitor.errors import RobotUnreachable
 
 PORT = 80

@@ -12,9 +12,18 @@ from typing import TypeVar
 
 from rtde_control import RTDEControlInterface
 
-from monitor.acquire.ur.streaming import dead_man, sockets
-from monitor.acquire.ur.streaming.failures import StreamFailure
-from monitor.acquire.ur.streaming.no_new_sockets import forbid_new_sockets
+from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.last_resorts import (
+    RTDE_PORT,
+    SCRIPT_PORT,
+    PeerWatch,
+    end_dashboard,
+    end_scripts,
+    end_this_process_on_alarm,
+    forbid_new_sockets,
+    report_within,
+    send_at_once,
+)
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.recording import Array
 
@@ -43,17 +52,17 @@ class Control:
                 raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
             raise RobotUnreachable(f"{host}: RTDE control: {error}") from None
         try:
-            sockets.send_at_once(host)
-            sockets.end_dashboard(host)
-            self._peer = sockets.PeerWatch(host, sockets.RTDE_PORT)
-            self._script_peer = sockets.PeerWatch(host, sockets.SCRIPT_PORT)
+            send_at_once(host)
+            end_dashboard(host)
+            self._peer = PeerWatch(host, RTDE_PORT)
+            self._script_peer = PeerWatch(host, SCRIPT_PORT)
         except OSError as error:  # /proc is not there
             raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
         if lent:
             self.end_uploads()
         if why := forbid_new_sockets():
             raise MotionRefused(f"this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
-        dead_man.watch()
+        end_this_process_on_alarm()
 
     @property
     def connected(self) -> bool:
@@ -66,7 +75,7 @@ class Control:
 
     def report(self) -> None:
         """Tell the kernel that this process is on time; between two calls of this method it ends the process."""
-        dead_man.report_within(self._pause_s)
+        report_within(self._pause_s)
 
     def report_every(self, pause_s: float) -> None:
         """From now on this process must report at least so often."""
@@ -87,7 +96,7 @@ class Control:
 
     def end_uploads(self) -> None:
         """Make it impossible to send a program from here again."""
-        sockets.end_scripts(self._host)
+        end_scripts(self._host)
 
     def set_watchdog(self, lowest_hz: float) -> bool:
         """Let the controller stop the program when it receives fewer targets; False where it does not accept that."""
@@ -110,12 +119,12 @@ class Control:
 
         Raises StreamFailure where ur-rtde reports that the connection is lost.
         """
-        dead_man.report_within(limit_s)
+        report_within(limit_s)
         try:
             result = function()
         except RuntimeError as error:  # whatever the sockets below report arrives as this one type
             raise StreamFailure("connection_lost", f"the RTDE connection broke off: {error}") from None
-        dead_man.report_within(self._pause_s)
+        report_within(self._pause_s)
         return result
 
 

@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from monitor.acquire.hand_over.script import ASTRAY, LOST, HandOverSettings
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety import guard
+from monitor.acquire.safety.conditions import check_state
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, arm_state
-from monitor.acquire.ur.streaming.arm import Arm
-from monitor.acquire.ur.streaming.failures import Stopped, StreamFailure, state_failure
-from monitor.acquire.ur.streaming.node import NO_NUMBER, Node
+from monitor.acquire.ur.arm import Arm
+from monitor.acquire.ur.failures import Stopped, StreamFailure, state_failure
+from monitor.acquire.ur.node import NO_NUMBER, Node
+from monitor.acquire.ur.node_script import ASTRAY, LOST, HandOverSettings
 from monitor.errors import MotionRefused
 from monitor.reason import joint_text
 from monitor.recording import Array
@@ -88,7 +88,7 @@ def why_not_taken(arm: Arm, row: Array, known: ConditionInputs) -> str:
     if arm.unheard_s > ABSENT_S:
         return ABSENT
     try:
-        guard.check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
+        check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
     except MotionRefused as refusal:
         return str(refusal)
     return ""

@@ -1,9 +1,8 @@
-"""Listening to an arm by a plain socket that is never waited for: RTDE rows, received only.
+"""RTDE over a plain socket, received only: rows as a session, one look at the arm, a few variables, the software's version.
 
 A daemon listens for years, beside many others on its host. ur-rtde needs a process with an interpreter and numpy of its own, and a thread
-that wakes a thousand times a second; this needs a socket. What moves an arm and what records every tick are ur-rtde's.
-
-The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
+that wakes a thousand times a second; this needs a socket that is never waited for. What moves an arm and what records every tick are
+ur-rtde's. The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
 """
 
 import errno
@@ -14,17 +13,143 @@ import struct
 import time
 from collections.abc import Iterator
 from concurrent import futures
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.acquire.driver import SessionEnded
-from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.ports.address import is_address, looked_up
-from monitor.acquire.ur.ports.packages import take_packages
-from monitor.acquire.ur.ports.rtde_rows import HEAD, OUTPUTS, PORT, ROW, START, VERSION, send
-from monitor.acquire.ur.signals import SIGNALS, Signal
+from monitor.acquire.rows import COLUMN, WIDTH, WIDTHS
+from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.ur.packages import is_address, looked_up, take_packages
+from monitor.errors import RobotUnreachable
 from monitor.recording import Array
+
+
+class Signal(NamedTuple):
+    """One RTDE variable and the getter of ur-rtde that reads it."""
+
+    variable: str  # its name in a row
+    getter: str
+    optional: bool = False  # controllers of some generations do not report it; the row holds NaN then
+
+    @property
+    def width(self) -> int:
+        """Values a tick."""
+        return WIDTHS[self.variable]
+
+
+SIGNALS: tuple[Signal, ...] = (
+    Signal("timestamp", "getTimestamp"),
+    Signal("actual_q", "getActualQ"),
+    Signal("actual_qd", "getActualQd"),
+    Signal("actual_current", "getActualCurrent"),
+    Signal("joint_temperatures", "getJointTemperatures"),
+    Signal("target_q", "getTargetQ"),
+    Signal("target_qd", "getTargetQd"),
+    Signal("target_qdd", "getTargetQdd"),
+    Signal("target_current", "getTargetCurrent"),
+    Signal("target_moment", "getTargetMoment"),
+    Signal("robot_mode", "getRobotMode"),
+    Signal("safety_mode", "getSafetyMode"),
+    Signal("runtime_state", "getRuntimeState"),
+    Signal("safety_status_bits", "getSafetyStatusBits"),
+    Signal("speed_scaling", "getSpeedScaling", optional=True),
+    Signal("target_speed_fraction", "getTargetSpeedFraction", optional=True),
+    Signal("payload", "getPayload", optional=True),  # from software 3.11 and 5.6 on
+    Signal("payload_cog", "getPayloadCog", optional=True),
+    Signal("actual_tool_accelerometer", "getActualToolAccelerometer", optional=True),
+    Signal("actual_digital_input_bits", "getActualDigitalInputBits", optional=True),
+    Signal("robot_status_bits", "getRobotStatus", optional=True),
+    Signal("joint_mode", "getJointMode", optional=True),
+    Signal("actual_TCP_pose", "getActualTCPPose", optional=True),
+    Signal("actual_TCP_force", "getActualTCPForce", optional=True),
+)
+
+
+PORT = 30004
+HEAD = struct.Struct(">HB")  # length with this head, type
+VERSION, OUTPUTS, START, ROW, SOFTWARE = ord("V"), ord("O"), ord("S"), ord("U"), ord("v")
+NUMBERS = struct.Struct(">4I")  # major, minor, bugfix, build
+VECTOR6D = struct.Struct(">6d")
+PATIENCE_S = 5.0  # for a whole conversation: a controller answers within some milliseconds, a busy host or network takes seconds
+
+
+def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float, timeout_s: float) -> Array | None:
+    """`count` rows (N, V, 6) of V variables of six numbers each; None where the controller does not report one of them.
+
+    Raises RobotUnreachable where the controller does not answer as the protocol says, within timeout_s.
+    """
+    rows = _payloads(host, variables, "VECTOR6D", count=count, rate_hz=rate_hz, timeout_s=timeout_s)
+    return (
+        None if rows is None else np.array([[VECTOR6D.unpack_from(row, VECTOR6D.size * k) for k in range(len(variables))] for row in rows])
+    )
+
+
+def output_integers(host: str, registers: tuple[int, ...], timeout_s: float = PATIENCE_S) -> tuple[int, ...] | None:
+    """What stands in these output registers of integers; None where the controller has one of them not. Raises RobotUnreachable."""
+    variables = tuple(f"output_int_register_{register}" for register in registers)
+    rows = _payloads(host, variables, "INT32", count=1, rate_hz=10.0, timeout_s=timeout_s)
+    return None if rows is None else struct.unpack_from(f">{len(registers)}i", rows[0])
+
+
+def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, rate_hz: float, timeout_s: float) -> list[bytes] | None:
+    """`count` rows of variables of one kind, as they come; None where the controller does not report one of them so.
+
+    Raises RobotUnreachable.
+    """
+    until = time.monotonic() + timeout_s
+    try:
+        with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
+            packages = _packages(connection, until)
+            send(connection, VERSION, struct.pack(">H", 2))
+            _answer(packages, VERSION)
+            send(connection, OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode())
+            recipe = _answer(packages, OUTPUTS)
+            if recipe[1:].decode("ascii", "replace").split(",") != [kind] * len(variables):
+                return None
+            send(connection, START, b"")
+            _answer(packages, START)
+            return [_answer(packages, ROW)[1:] for _ in range(count)]
+    except (OSError, struct.error) as error:
+        raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
+
+
+def software_of(host: str, timeout_s: float = PATIENCE_S) -> str | None:
+    """The version of the controller's software, for example "10.12.0.5"; None where it does not answer as the protocol says."""
+    until = time.monotonic() + timeout_s
+    try:
+        with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
+            send(connection, SOFTWARE, b"")
+            numbers = NUMBERS.unpack_from(_answer(_packages(connection, until), SOFTWARE))
+    except (OSError, struct.error):
+        return None
+    return ".".join(map(str, numbers))
+
+
+def send(connection: socket.socket, kind: int, payload: bytes) -> None:
+    """Send one package."""
+    connection.sendall(HEAD.pack(HEAD.size + len(payload), kind) + payload)
+
+
+def _packages(connection: socket.socket, until: float) -> Iterator[tuple[int, bytes]]:
+    """Type and payload of every package, as they come."""
+    waiting = bytearray()
+    while True:
+        yield from take_packages(waiting, HEAD)
+        left_s = until - time.monotonic()
+        if left_s <= 0.0:
+            raise OSError("no answer in time")
+        connection.settimeout(left_s)
+        data = connection.recv(65_536)
+        if not data:
+            raise OSError("the controller closed the connection")
+        waiting += data
+
+
+def _answer(packages: Iterator[tuple[int, bytes]], wanted: int) -> bytes:
+    """The payload of the next package of that type; texts for people and other packages are left out."""
+    return next(payload for kind, payload in packages if kind == wanted)
+
 
 TYPES = {  # of the guide, and the format of each in network order
     "BOOL": "?",
@@ -215,3 +340,32 @@ class Listening:
         assert self._socket is not None
         self._expected = kind
         send(self._socket, kind, payload)
+
+
+ROWS = 13  # the accelerometer is averaged over so many: 0.1 s at 125 Hz
+
+
+def observe(session: Listening, timeout_s: float) -> ArmState | None:
+    """The state of the arm in the last of ROWS ticks, with the mean of their accelerometer readings; None where they do not all come.
+
+    The session is ended. A row that repeats the time of the one before is no new tick: a controller that hangs is not in any state.
+    """
+    rows: list[Array] = []
+    until = time.monotonic() + timeout_s
+    try:
+        while len(rows) < ROWS and (left_s := until - time.monotonic()) > 0.0:
+            for frame in session.frames(left_s):
+                if isinstance(frame, dict):
+                    return None  # the connection was lost
+                if not rows or frame[0] != rows[-1][0]:
+                    rows.append(frame)
+    except SessionEnded:
+        return None
+    finally:
+        session.end()
+    if len(rows) < ROWS:
+        return None
+    accelerometer = COLUMN["actual_tool_accelerometer"]
+    last = rows[-1].copy()
+    last[accelerometer] = np.mean([row[accelerometer] for row in rows[-ROWS:]], axis=0)
+    return arm_state(last)

@@ -11,19 +11,16 @@ from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 
+from monitor.acquire.child import Lifeline, Outbox
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.rows import COLUMN
-from monitor.acquire.safety.band.torque_band import TorqueBand
+from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
-from monitor.acquire.ur.child import Lifeline, Outbox
-from monitor.acquire.ur.ports.program_messages import ProgramMessages
-from monitor.acquire.ur.receive import TornRow, connect_receiver, read_row
-from monitor.acquire.ur.streaming.control import STANDING_S, Control
-from monitor.acquire.ur.streaming.failures import StreamFailure, state_failure
-from monitor.acquire.ur.streaming.gaps import CycleGaps, gap_failure
-from monitor.acquire.ur.streaming.node import VARIABLES, Node
-from monitor.acquire.ur.streaming.pacing import POLL_S, PacketTiming
-from monitor.acquire.ur.streaming.tracking import Tracking
+from monitor.acquire.ur.control import STANDING_S, Control
+from monitor.acquire.ur.failures import CycleGaps, StreamFailure, Tracking, gap_failure, state_failure
+from monitor.acquire.ur.node import VARIABLES, Node
+from monitor.acquire.ur.primary import ProgramMessages
+from monitor.acquire.ur.receive import POLL_S, PacketTiming, TornRow, connect_receiver, read_row
 from monitor.reason import joint_text
 from monitor.recording import Array
 

@@ -1,0 +1,233 @@
+"""What ends a stream of targets: a failure with its cause, by the controller's state, the arm's position, or the clock. Values only."""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from monitor.acquire import state as names
+from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.state import ArmState
+from monitor.reason import joint_text
+from monitor.recording import Array
+
+EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
+PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5
+EMERGENCY_BITS, PROTECTIVE_BIT, SAFEGUARD_BIT = 0b1110_0000, 0b100, 0b1_0000  # of the RTDE variable safety_status_bits
+
+
+class StreamFailure(Exception):
+    """The stream must end now, for this cause.
+
+    `ours` is False where another program than ours may be what plays: nobody may stop it then, and our watchdog ends ours.
+    """
+
+    def __init__(self, cause: str, text: str, *, ours: bool = True) -> None:
+        super().__init__(text)
+        self.cause, self.ours = cause, ours
+
+
+class Stopped(Exception):
+    """A stop was asked for, and the arm stands. Its argument is the cause where that is not the request."""
+
+
+def state_failure(
+    state: ArmState,
+    settings: ReplaySettings,
+    payload_kg: float | None = None,
+    *,
+    playing: bool = True,
+    up_to_speed: bool = True,
+) -> StreamFailure | None:
+    """Why the stream must end, as the controller's state says; None while everything is in order.
+
+    `payload_kg` is the configured payload; None skips its comparison. Without `playing` no program need run yet. `up_to_speed` is False
+    until the program has played at full speed once: until then only the slider counts. The most specific cause comes first where several
+    hold.
+    """
+    if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
+        name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
+        return StreamFailure(_safety_cause(state), f"safety mode {state.safety_mode} ({name}), bits {state.safety_bits:#x}")
+    if failure := teach_failure(state):  # before the robot mode, which an arm in freedrive leaves
+        return failure
+    if state.robot_mode != names.ROBOT_MODE_RUNNING:
+        return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
+    if failure := joints_failure(state):
+        return failure
+    if playing and state.runtime_state != names.RUNTIME_PLAYING:
+        name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
+        return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
+    if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
+        return StreamFailure("bad_data", "the controller reports positions that are not finite")
+    if failure := speed_failure(state) if up_to_speed else slider_failure(state):
+        return failure
+    if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # False for NaN: not reported
+        return StreamFailure(
+            "payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg"
+        )
+    coldest, hottest = settings.joint_temperature_range_c
+    if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
+        return StreamFailure(
+            "joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}"
+        )
+    return None
+
+
+def slider_failure(state: ArmState) -> StreamFailure | None:
+    """The failure where the operator's slider is below 100 %; for a program that has just started, whose limiter still stands at 0."""
+    if math.isnan(state.speed_fraction) or state.slider_full:
+        return None
+    return StreamFailure("speed_scaling", f"the speed slider is at {100.0 * state.speed_fraction:.0f} %: the arm plays another trajectory")
+
+
+def speed_failure(state: ArmState) -> StreamFailure | None:
+    """The failure where a program that has come up to full speed plays at less, because of the slider or of the trajectory limiter."""
+    if math.isnan(state.speed) or state.at_full_speed:
+        return None
+    return StreamFailure(
+        "speed_scaling",
+        f"the program plays at {100.0 * state.speed:.0f} % of its speed: the arm plays another trajectory",
+        ours=not state.slider_full,  # with a full slider so begins every program, and ours has begun long ago
+    )
+
+
+def joints_failure(state: ArmState) -> StreamFailure | None:
+    """The failure where a joint's drive is off or its brake is closed."""
+    for j, mode in enumerate(state.joint_modes):
+        if not (math.isnan(mode) or mode == names.JOINT_MODE_RUNNING):
+            return StreamFailure("robot_mode", f"{joint_text(j + 1)} is in mode {mode:g}; expected {names.JOINT_MODE_RUNNING} (running)")
+    return None
+
+
+def teach_failure(state: ArmState) -> StreamFailure | None:
+    """The failure where somebody holds the freedrive button: a person is at the arm."""
+    return StreamFailure("teach_button", "somebody holds the freedrive button") if state.teach_button_held else None
+
+
+def _safety_cause(state: ArmState) -> str:
+    if state.safety_mode in EMERGENCY_MODES or state.safety_bits & EMERGENCY_BITS:
+        return "emergency_stop"
+    if state.safety_mode == PROTECTIVE_MODE or state.safety_bits & PROTECTIVE_BIT:
+        return "protective_stop"
+    if state.safety_mode == SAFEGUARD_MODE or state.safety_bits & SAFEGUARD_BIT:
+        return "safeguard_stop"
+    return "safety"
+
+
+RECENT_S = 0.5  # a failure so soon after late targets is taken for their consequence
+MOST_TICKS = 2.5  # between two rows: one tick that is left out is made up for, a longer gap interrupts the stream of targets
+LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
+WATCHDOG_SHARE = 0.5  # of the watchdog's time: after a longer gap, the watchdog may have stopped the program because of us
+
+
+class CycleGaps:
+    """The gaps between two cycles: the longest of the last half second, and the longest of all."""
+
+    def __init__(self) -> None:
+        self.longest_s = 0.0
+        self._recent_s, self._recent_at_s = 0.0, float("-inf")
+
+    def add(self, now_s: float, gap_s: float) -> None:
+        """Take note of a gap that ended now, on the host's clock."""
+        if gap_s >= self._recent_s or now_s - self._recent_at_s > RECENT_S:
+            self._recent_s, self._recent_at_s = gap_s, now_s
+        self.longest_s = max(self.longest_s, gap_s)
+
+    def clear(self) -> None:
+        """Forget every gap: what took long before the arm moved explains nothing."""
+        self.longest_s = self._recent_s = 0.0
+
+    def were_late(self, now_s: float, tick_s: float) -> bool:
+        """Whether the stream of targets was interrupted within the last half second."""
+        return self._recent_s >= MOST_TICKS * tick_s and now_s - self._recent_at_s <= RECENT_S
+
+    def explain(self, failure: StreamFailure, now_s: float, *, tick_s: float, watchdog_s: float) -> StreamFailure:
+        """The failure by its true cause: `late` where late targets just before it can have caused it, else the failure itself.
+
+        `watchdog_s` is the time after which the controller's watchdog stops a program that receives no target.
+        """
+        enough_s = {
+            "bad_target": MOST_TICKS * tick_s,
+            "program_stopped": WATCHDOG_SHARE * watchdog_s,
+            "servo_refused": WATCHDOG_SHARE * watchdog_s,
+        }.get(failure.cause)
+        if enough_s is None or self._recent_s < enough_s or now_s - self._recent_at_s > RECENT_S:
+            return failure
+        return StreamFailure(
+            "late", f"targets came late, {1000 * self._recent_s:.0f} ms between two cycles; then {failure.cause}: {failure}"
+        )
+
+
+def gap_failure(age_s: float, slept_s: float, limit_s: float) -> StreamFailure:
+    """The failure after so long without a row, where this process did not check for slept_s of it."""
+    if slept_s >= LATE_SHARE * limit_s:
+        return StreamFailure("late", f"this process got no processor time for {1000 * slept_s:.0f} ms")
+    return StreamFailure("stalled", f"no new data from the controller for {1000 * age_s:.0f} ms")
+
+
+LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it
+SPEED_SHARE_S = 0.01  # per rad/s of the target, for the servo's error in fast motions; real ones have less than a tenth of it
+FASTEST_RAD_S, JUMP_RAD = 2.0 * math.pi, 0.02  # the fastest joint of any arm; beyond it a position jumped
+WATCHED_S = 0.15  # without a target for so long our program has been ended: by its watchdog after 0.1 s, or by the guard of a node
+BEHIND_RAD_S = 0.05  # a controller that goes at this speed to where it was sent long ago gets its targets too late
+ROWS = 3  # successive rows before a small distance counts: one row may be torn between two ticks of the controller
+
+
+class Tracking:
+    """Compares each row with the rows before and with what was sent."""
+
+    def __init__(self, tick_s: float, *, largest_rad: float, lasting_rad: float) -> None:
+        """A joint ends the motion at a distance of largest_rad, or of lasting_rad in successive rows."""
+        self._largest_rad, self._lasting_rad = largest_rad, lasting_rad
+        self._own: deque[Array] = deque(maxlen=max(2, round(LAG_S / tick_s) + 1))  # the controller's targets, (J,) each
+        self._outside = 0  # successive rows
+        self._tick_s = tick_s
+        self._apart_s = 0.0  # for so long the controller's target has been outside of what was sent
+        self._before: Array | None = None  # (J,) the measured position of the row before
+
+    def failure(
+        self, q: Array, own_q: Array, own_qd: Array, sent: Array, *, late: bool, step_s: float | None = None
+    ) -> StreamFailure | None:
+        """Why the motion must end after this row; None while everything is where it should be.
+
+        q, own_q, own_qd : (J,) the measured position [rad], and the controller's own target with its speed [rad/s].
+        sent : (n, J) the targets of the last 0.2 s. late : whether the stream of targets was interrupted just before.
+        step_s : controller's time since the row before; None: one tick.
+        """
+        before, self._before = q if self._before is None else self._before, q
+        j, jump = _farthest(q, before[None])
+        if not jump <= FASTEST_RAD_S * (self._tick_s if step_s is None else step_s) + JUMP_RAD:
+            text = (
+                f"the position of {joint_text(j + 1)} jumped by {jump:.3f} rad between two rows: no joint is so fast, its encoder is wrong"
+            )
+            return StreamFailure("following_error", text)
+        self._own.append(own_q)
+        j, far = _farthest(q, np.array(self._own))
+        allowed = self._lasting_rad + SPEED_SHARE_S * abs(float(own_qd[j]))
+        # a servo whose targets were late may shake for a moment; it stays within largest_rad
+        self._outside = self._outside + 1 if far > allowed and not late else 0
+        if far > self._largest_rad or self._outside >= ROWS:
+            return StreamFailure(
+                "following_error", f"{joint_text(j + 1)} is {far:.3f} rad from the controller's own target: something holds it"
+            )
+        j, far = _farthest(own_q, sent)
+        self._apart_s = self._apart_s + (self._tick_s if step_s is None else step_s) if far > self._lasting_rad else 0.0
+        if far <= self._largest_rad:
+            return None
+        # the arm follows its controller, so nothing holds it: targets do not arrive, or another program moves it
+        elsewhere = f"the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from where it was sent"
+        if late:
+            return StreamFailure("late", f"targets came late: {elsewhere}", ours=False)
+        above = own_q[j] > sent[:, j].max()
+        follows = (-own_qd[j] if above else own_qd[j]) > BEHIND_RAD_S
+        if not follows and self._apart_s + len(sent) * self._tick_s >= WATCHED_S:
+            return StreamFailure("program_stopped", f"{elsewhere}, and a program plays: it has taken the place of ours", ours=False)
+        return StreamFailure("stalled", f"{elsewhere}: targets do not arrive", ours=False)
+
+
+def _farthest(q: Array, targets: Array) -> tuple[int, float]:
+    """The joint of q (J,) that is farthest outside the range of targets (n, J), and its distance [rad]; inf where it is no number."""
+    outside = np.maximum(targets.min(axis=0) - q, q - targets.max(axis=0))  # (J,)
+    j = int(outside.argmax())  # a NaN counts as the largest
+    far = float(outside[j])
+    return j, math.inf if math.isnan(far) else far
