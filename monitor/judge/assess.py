@@ -20,9 +20,8 @@ from monitor.judge.drift.contexts import differences, with_lasting_declarations
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.compensation import build_model
 from monitor.judge.torque.evaluation import measure_prediction_error
+from monitor.judge.torque.model import CompensatedModel, build_model
 from monitor.judge.torque.production_residual import ResidualSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording

@@ -21,8 +21,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
-from monitor.judge.torque.compensated_model import CompensatedModel
-from monitor.judge.torque.compensation import build_model
+from monitor.judge.torque.model import CompensatedModel, build_model
 from monitor.recording import known_or_none
 
 LAW_POINTS = 9  # points of the published temperature law, over the learned range

@@ -7,7 +7,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import array, entry, key_of, plain
-from monitor.judge.drift.channels.state import channels_from_document
+from monitor.judge.drift.channels import channels_from_document
 from monitor.judge.drift.contexts import OpenedContext
 from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
 from monitor.judge.drift.maintenance import Maintenance
@@ -19,8 +19,13 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState
 from monitor.judge.drift.two_sources import EXTRA_STATES, sources_from_document
-from monitor.judge.drift.undeclared_change import MassEstimate, mass_estimate_from_document
-from monitor.judge.drift.undeclared_level import UndeclaredLevel, Weights, undeclared_level_from_document
+from monitor.judge.drift.undeclared import (
+    MassEstimate,
+    UndeclaredLevel,
+    Weights,
+    mass_estimate_from_document,
+    undeclared_level_from_document,
+)
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history

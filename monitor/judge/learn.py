@@ -27,14 +27,16 @@ from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.ripple_track import update_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, StepResult, initial_state, step
-from monitor.judge.drift.undeclared_change import (
+from monitor.judge.drift.undeclared import (
     NO_UNDECLARED_CHANGE,
     RigidFit,
     UndeclaredChange,
+    Weights,
     another_gravity,
+    declares_level,
     rigid_fit,
+    weigh,
 )
-from monitor.judge.drift.undeclared_level import Weights, declares_level, weigh
 from monitor.judge.maintenance import begin_maintenance, with_outcomes
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.reason import joint_text

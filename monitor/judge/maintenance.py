@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.judge.belief import Belief
-from monitor.judge.drift.channels.update import restart
+from monitor.judge.drift.channels import restart
 from monitor.judge.drift.maintenance import NEW_JOINT, NEW_REFERENCE, REPLACED, Maintenance, may_have_moved, new_reference
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import new_joints

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.prediction_error import MOVING_RAD_S
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import TorquePrediction, predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array

@@ -8,7 +8,7 @@ from pathlib import Path
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Robot
 from monitor.publish.live_torque import LiveTorque, sample_var
 from monitor.recording import Array

@@ -16,7 +16,7 @@ from monitor.errors import BadInput
 from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.drift.observation import observe
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot

@@ -21,7 +21,7 @@ from monitor.errors import BadInput
 from monitor.identify.identify import identify
 from monitor.judge.assess import judge_identification
 from monitor.judge.assessment import Assessment
-from monitor.judge.torque.compensated_model import model_from_document
+from monitor.judge.torque.model import model_from_document
 from monitor.judge.torque.predictor import predict_torque, predictor_for
 from monitor.model import friction
 from monitor.model.friction import FC, FV, LAWS, FrictionLaw, FrictionTerm, Quantity

@@ -15,8 +15,16 @@ from monitor.judge.alerts.conditions import WEAR_RISING
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.document import plain
-from monitor.judge.drift.channels.state import CHANNELS, CONTRAST, RESIDUAL, ChannelState, channels_from_document
-from monitor.judge.drift.channels.update import ChannelReplay, of_mean, update_channels
+from monitor.judge.drift.channels import (
+    CHANNELS,
+    CONTRAST,
+    RESIDUAL,
+    ChannelReplay,
+    ChannelState,
+    channels_from_document,
+    of_mean,
+    update_channels,
+)
 from monitor.judge.drift.observation import NOT_MEASURED, Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step

@@ -11,7 +11,7 @@ from synthetic_arm import COULOMB_NM, Arm, History
 
 from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
-from monitor.judge.torque.compensated_model import CompensatedModel, ResidualFriction, model_from_document
+from monitor.judge.torque.model import CompensatedModel, ResidualFriction, model_from_document
 from monitor.judge.torque.predictor import predict_torque, predictor_for
 from monitor.model.friction import CONCAVE
 from monitor.model.robot import load_robot

@@ -14,8 +14,8 @@ from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.prediction_error import FIT_REPLAYS, MAX_RATIO, PredictionError, PredictionErrorStatistics, rms, update
-from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
 from monitor.judge.torque.evaluation import measure_prediction_error
+from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording

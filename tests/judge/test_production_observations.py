@@ -17,7 +17,7 @@ from monitor.judge.drift.step import new_joints
 from monitor.judge.drift.suspicion import DOUBT_REPLAYS, SUSPICIOUS, doubted_rise, suspected_rise
 from monitor.judge.drift.update import change_detection
 from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, JointNoise, thresholds
-from monitor.judge.learn_production import ProductionAssessment, assess_production
+from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation, production_observation_from_document
 from monitor.judge.temperature.laws import TemperatureSettings
 

@@ -14,7 +14,7 @@ from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple, update_ripple
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.learn_production import assess_production
+from monitor.judge.production import assess_production
 from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.publish.documents import Friction

@@ -17,18 +17,19 @@ from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
-from monitor.judge.drift import undeclared_change
-from monitor.judge.drift.undeclared_change import (
+from monitor.judge.drift import undeclared
+from monitor.judge.drift.undeclared import (
     GAINS,
     PAYLOAD,
     RigidFit,
+    Weights,
     compare_weights,
     mass_estimate_from_document,
     rigid_fit,
     rigid_of,
     update_mass_estimate,
+    weigh,
 )
-from monitor.judge.drift.undeclared_level import Weights, weigh
 from monitor.judge.learn import enter_declared_context, enter_undeclared_level
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
@@ -243,7 +244,7 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
 def test_shoulder_and_elbow_that_wear_alike_are_told_where_weighing_excludes_a_payload(monkeypatch, weighed):
     """Both rise by 6 % at one replay, as with a payload; the weights as before say that it is wear, told within 25 days."""
     if not weighed:
-        monkeypatch.setattr(undeclared_change, "FRICTION_MASS_KG", 0.0)
+        monkeypatch.setattr(undeclared, "FRICTION_MASS_KG", 0.0)
     history = History()
     for day in range(85):
         wear = np.array([0, 0.06, 0.06, 0, 0, 0]) * (day >= 60)

@@ -4,7 +4,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import Predictor
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
 from monitor.recording import Array

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.recording import Array
 
 STEP_S = 0.04  # between two points of a profile

@@ -15,7 +15,7 @@ import scipy
 
 from monitor.identify.validate import PLACE_RAD
 from monitor.judge.alerts.settings import HealthSettings
-from monitor.judge.drift.channels.state import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
+from monitor.judge.drift.channels import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
 from monitor.reason import joint_text
 from monitor.recording import Array

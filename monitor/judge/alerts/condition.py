@@ -12,7 +12,7 @@ from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations
 from monitor.judge.alerts.ne107 import State
 from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
-from monitor.judge.drift.undeclared_change import UndeclaredChange
+from monitor.judge.drift.undeclared import UndeclaredChange
 from monitor.recording import Array
 
 

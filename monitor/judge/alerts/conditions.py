@@ -24,7 +24,7 @@ from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQU
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
-from monitor.judge.drift.undeclared_change import GAINS, MOUNTING, PAYLOAD
+from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
 from monitor.reason import joint_text
 from monitor.recording import DAY_S

@@ -24,7 +24,7 @@ from monitor.judge.alerts.states import arm_of, arm_state, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.undeclared_change import NO_UNDECLARED_CHANGE, UndeclaredChange
+from monitor.judge.drift.undeclared import NO_UNDECLARED_CHANGE, UndeclaredChange
 from monitor.recording import DAY_S
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.drift.channels.state import ChannelState
+from monitor.judge.drift.channels import ChannelState
 from monitor.judge.drift.kalman import predict
 from monitor.judge.drift.noise.chance import Chance, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.channels.update import ChannelReplay, restart, update_channels
+from monitor.judge.drift.channels import ChannelReplay, restart, update_channels
 from monitor.judge.drift.filter_state import (
     FilterState,
     initial_filter,

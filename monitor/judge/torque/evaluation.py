@@ -3,7 +3,7 @@
 import numpy as np
 
 from monitor.judge.prediction_error import MIN_PAIRS, MOVING_RAD_S, PredictionError, measure
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import predictor_for
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording

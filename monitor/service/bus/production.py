@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.usage import Usage
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import (
     ProductionEvidence,

@@ -20,7 +20,7 @@ from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
-from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.live_torque import sample_var
 from monitor.recording import Array, Recording

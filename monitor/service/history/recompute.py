@@ -18,9 +18,9 @@ from monitor.judge.assess import AssessSettings, Rejected, model_after
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.drift.prior import FleetPrior, prior_from_plain
-from monitor.judge.learn_production import ProductionAssessment, assess_production
+from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import context_from_document, production_observation_from_document
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, Inputs, assessed, robot_digest

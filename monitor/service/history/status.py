@@ -15,7 +15,7 @@ from monitor.judge.alerts.documents import alert_document, health_from_document
 from monitor.judge.alerts.reasons.why_not import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
-from monitor.judge.torque.compensated_model import model_from_document
+from monitor.judge.torque.model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque_query import torque_answer

@@ -15,9 +15,8 @@ from monitor.judge.alerts.health import Health
 from monitor.judge.assess import AssessSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences
-from monitor.judge.learn_production import ProductionAssessment, assess_production
+from monitor.judge.production import ProductionAssessment, assess_production, observation_of
 from monitor.judge.production_observation import ProductionObservation, context_of_production
-from monitor.judge.production_period import observation_of
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context
 from monitor.store.formats.recordings import read_recording

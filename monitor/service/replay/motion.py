@@ -20,7 +20,7 @@ from monitor.acquire.state import Identity
 from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
-from monitor.judge.torque.compensated_model import CompensatedModel
+from monitor.judge.torque.model import CompensatedModel
 from monitor.model.fourier import Excitation
 from monitor.publish.permit import PermitReply
 from monitor.publish.timestamps import outside

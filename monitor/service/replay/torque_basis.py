@@ -10,7 +10,7 @@ from monitor.acquire.safety.torque_band import learn_profile
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.torque.compensated_model import CompensatedModel, model_from_document
+from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.service.processes.apart import HERE, Compute, ComputingFailed

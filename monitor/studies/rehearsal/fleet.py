@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.observation import Observation
-from monitor.judge.drift.undeclared_change import RigidFit
+from monitor.judge.drift.undeclared import RigidFit
 from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law

@@ -16,7 +16,7 @@ from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
-from monitor.judge.drift.undeclared_level import Weights, declares_level, weigh
+from monitor.judge.drift.undeclared import Weights, declares_level, weigh
 from monitor.judge.drift.undetected_change import undetected_change
 from monitor.recording import DAY_S, Array
 from monitor.studies.figures import NINETY

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from monitor.judge.drift.undeclared_change import MASS_PARAMETERS, RigidFit
+from monitor.judge.drift.undeclared import MASS_PARAMETERS, RigidFit
 from monitor.model.base import base_parameters
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, load_robot
 from monitor.recording import Array
