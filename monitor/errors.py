@@ -133,6 +133,12 @@ class StoreError(MonitorError):
     """The history cannot be read or written: check the disk, and which other program uses the folder."""
 
 
+class OlderHistory(StoreError):
+    """A version before 1.0 wrote this history: begin a new one in another folder. `run` ends with 78 (EX_CONFIG)."""
+
+    exit_code = 2
+
+
 class StoreInUse(StoreError):
     """Another process writes this history: the daemon, which can be asked on the bus."""
 

@@ -109,7 +109,7 @@ class Monitor:
             self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
             row = self._store.ledger.row(ledger_id)
-            self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
+            self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
             self._log_end(row)
             return row
 
@@ -148,7 +148,7 @@ class Monitor:
             else:
                 self._learn(window.enter(), recording)
             row = self._store.ledger.row(window.enter())
-        self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason})
+        self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
         self._log_end(row)
         return row
 
@@ -171,12 +171,13 @@ class Monitor:
         """
         with self._state.replaying:
             for motion in self._store.motions.give_up_left_over(self._now()):
-                log.warning("%s; a person must look at the arm", motion.unknown_text)
+                log.warning("%s; a person must look at the arm", motion.end_unknown)
             before = {row.id for row in self._store.ledger.rows(states=("started",))}
             waiting = self._store.ledger.repair(self._now())
             for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
                 if row.id in before:
-                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason, extra={"replay": row.id, "verdict": "aborted"})
+                    fields = {"replay": row.id, "verdict": "aborted"}
+                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason_text, extra=fields)
             self._assess_waiting(waiting[:at_most])
 
     def roll_back(self) -> bool:
@@ -218,7 +219,7 @@ class Monitor:
         if row.state == "assessed" and health is not None:
             log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why, extra=fields)
         else:
-            log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason, extra=fields)
+            log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason_text, extra=fields)
 
     def _perform(self, ledger_id: int, closes_unix_s: float) -> None:
         try:

@@ -19,8 +19,7 @@ from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.problems import Problems
 from monitor.store.backup import HISTORY, backups, made_at_unix_s
-from monitor.store.history.borrows import Borrow
-from monitor.store.history.ledger import LedgerRow
+from monitor.store.history.ledger import Borrow, LedgerRow
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
 
@@ -201,7 +200,7 @@ def _last_replay(row: LedgerRow, borrow: Borrow | None) -> dict[str, Any]:
         "replay": row.id,
         "window_unix_s": row.window_unix_s,
         "state": row.state,
-        "reason": row.reason,
+        "reason": row.reason_text,
         "ended_at_unix_s": row.ended_at_unix_s,
         "borrowed": None if borrow is None else borrowed_document(borrow),
     }

@@ -10,7 +10,7 @@ import os
 import sqlite3
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError, StoreInUse
@@ -19,28 +19,23 @@ from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.store.formats.recordings import RecordingFolder
 from monitor.store.history.assessments import Assessments
-from monitor.store.history.borrows import Borrows
-from monitor.store.history.changes import Changes
-from monitor.store.history.database import Database, Notes
+from monitor.store.history.database import Database, Notes, begin_history, version_of
 from monitor.store.history.duties import Duties
-from monitor.store.history.events import Events
-from monitor.store.history.ledger import Ledger
+from monitor.store.history.events import Changes, Events
+from monitor.store.history.ledger import Borrows, Ledger
 from monitor.store.history.maintenance import MaintenanceLog
-from monitor.store.history.motions import Motions
+from monitor.store.history.motions import FirstPasses, Motions, Stops
 from monitor.store.history.production import ProductionLog
-from monitor.store.history.schema import HISTORY_SCHEMA, migrate, renewed_copy, schema_of
-from monitor.store.history.stops import FirstPasses, Stops
 from monitor.store.retention import Retention
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
 HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is
-MOST_BACKUPS = 365  # days of backups kept before a migration, where no configuration is known
 
 
 class Store:
     """One robot's history below one directory, put together from its parts over one connection.
 
-    Made by `Store.open` (the daemon: locked, migrated), `Store.reader` (commands: beside a running daemon) or `Store.beside`.
+    Made by `Store.open` (the daemon: locked), `Store.reader` (commands: beside a running daemon) or `Store.beside`.
     """
 
     def __init__(self, directory: Path, connection: sqlite3.Connection, restored: Restored | None = None) -> None:
@@ -68,7 +63,7 @@ class Store:
     def open(cls, directory: Path) -> Iterator["Store"]:
         """Open the store for its one writer. A damaged history is set aside and replaced by its newest good backup: see `restored`.
 
-        Raises StoreError where the directory cannot be written, another process has it, or the file is newer.
+        Raises StoreError where the directory cannot be written, another process has it, or the file is newer, older or another program's.
         """
         try:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
@@ -85,13 +80,11 @@ class Store:
             restored = restore(directory, wrong) if wrong is not None else None
             try:
                 connection = sqlite3.connect(directory / HISTORY, isolation_level=None, check_same_thread=False)
-                # before the migration changes anything: whoever goes back to the older program needs the file as it was
-                if 0 < schema_of(connection, directory) < HISTORY_SCHEMA:
-                    back_up(directory, MOST_BACKUPS)
+                version_of(connection, directory)  # before anything is written
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit and a few commits a replay: full durability is cheap
                 connection.execute("PRAGMA foreign_keys = ON")
-                migrate(connection, directory)
+                begin_history(connection, directory)
             except sqlite3.DatabaseError as error:
                 raise refused_by(error, directory / HISTORY) from None
             store = cls(directory, connection, restored)
@@ -114,19 +107,17 @@ class Store:
     @classmethod
     @contextmanager
     def reader(cls, directory: Path, archive: ArchiveSettings | None = None) -> Iterator["Store"]:
-        """Open the store for reading, also while the daemon writes. A history of an older program is read as it is at this moment.
+        """Open the store for reading, also while the daemon writes.
 
         archive : where recordings that are no longer here are fetched from; None: as the history has noted it.
-        Raises StoreError where there is no history yet, or the file is newer or another program's.
+        Raises StoreError where there is no history yet, or the file is newer, older or another program's.
         """
         path = directory / HISTORY
         if not present(directory):
             raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
         connection = connected(path, "ro", isolation_level=None)
         try:
-            if 0 < schema_of(connection, directory) < HISTORY_SCHEMA:
-                with closing(connection):
-                    connection = renewed_copy(connection, directory)
+            version_of(connection, directory)
             store = cls(directory, connection)
             store.archived.settings = archive
             yield store
@@ -140,7 +131,7 @@ class Store:
     def beside(cls, directory: Path) -> Iterator["Store"]:
         """Open the store to write stops and first passes beside a daemon that may run; the ledger stays untouched.
 
-        Raises StoreError where the directory cannot be written, or the file is damaged or newer.
+        Raises StoreError where the directory cannot be written, or the file is damaged, newer or older.
         """
         path = directory / HISTORY
         try:
@@ -149,10 +140,10 @@ class Store:
         except (OSError, sqlite3.OperationalError) as error:
             raise refused_by(error, directory) from None
         try:
-            schema_of(connection, directory)
+            version_of(connection, directory)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
-            migrate(connection, directory)
+            begin_history(connection, directory)
             yield cls(directory, connection)
         except sqlite3.DatabaseError as error:
             raise refused_by(error, path) from None

@@ -4,6 +4,8 @@ import re
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
+from monitor.reason import FREE, Reason
+
 LONGEST_CAUSE = 60  # letters; a longer beginning of a reason is no name of a cause
 
 
@@ -15,19 +17,22 @@ class Ended(Protocol):
         """How it ended."""
 
     @property
-    def reason(self) -> str | None:
-        """Why, in words."""
+    def reason(self) -> str | Reason | None:
+        """Why, in words or as a value."""
 
 
 Window = TypeVar("Window", bound=Ended)
 
 
-def cause(reason: str | None) -> str:
-    """The cause that a reason names before its details; figures, which differ each time, left out."""
-    name, colon, _ = (reason or "").partition(":")
+def cause(reason: str | Reason | None) -> str:
+    """The code of a reason; of one without a code, the cause that its text names before its details, figures left out."""
+    if isinstance(reason, Reason) and reason.code != FREE:
+        return reason.code
+    text = str(reason or "")
+    name, colon, _ = text.partition(":")
     if colon and len(name) <= LONGEST_CAUSE:
         return name.strip()
-    return re.sub(r"[-+]?\d[\d.,:TZ-]*", "…", reason or "").strip()
+    return re.sub(r"[-+]?\d[\d.,:TZ-]*", "…", text).strip()
 
 
 def runs(windows: Sequence[Window]) -> list[list[Window]]:

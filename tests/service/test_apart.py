@@ -183,7 +183,7 @@ def test_a_recording_that_kills_every_process_is_rejected_so_that_later_ones_are
     made.monitor.recover()
     row = made._store.ledger.row(row.id)
     assert row.state == "rejected"
-    assert "not assessed in 3 tries: the computing process was ended by signal 9" in row.reason
+    assert "not assessed in 3 tries: the computing process was ended by signal 9" in row.reason_text
     assert made.monitor.unassessed is None
 
 
@@ -206,7 +206,7 @@ def test_a_disk_that_refuses_the_recording_ends_the_window(daemon, monkeypatch):
 
     monkeypatch.setattr("monitor.service.history.assess_and_store.write_recording", refuses)
     row = daemon(HERE).monitor.perform(NOON)
-    assert (row.state, row.reason) == ("aborted", "replay-000001.parquet: no space is left")
+    assert (row.state, row.reason_text) == ("aborted", "replay-000001.parquet: no space is left")
 
 
 def test_a_first_pass_whose_process_died_is_written_all_the_same(tmp_path: Path, recording: Recording):

@@ -288,7 +288,7 @@ def test_a_recomputed_verdict_that_differs_is_named_with_the_difference_and_its_
         store.database.connection.execute(
             "UPDATE assessment SET document = json_set(document, '$.friction[2].coulomb_nm', 1.0) WHERE ledger_id = 2"
         )
-        store.database.connection.execute("UPDATE circumstance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
+        store.database.connection.execute("UPDATE provenance SET document = json_set(document, '$.programs.packages.numpy', '1.0')")
         result = recompute(store)
     assert (result["identical"], result["different"]) == (1, 1)
     (differing,) = result["differing"]

@@ -245,7 +245,7 @@ def test_sigterm_during_a_replay_stops_the_arm_first(cell):
     assert max(abs(speed) for speed in speeds) < 0.01, remote.truth()["stops"]  # at rest, except for the last microradians of the servo
     (row,) = cell.ledger()
     assert row.state == "aborted"
-    assert "stop" in (row.reason or "")
+    assert "stop" in (row.reason_text or "")
 
 
 def test_a_reload_that_forbids_motion_stops_a_moving_arm(cell):
@@ -259,7 +259,7 @@ def test_a_reload_that_forbids_motion_stops_a_moving_arm(cell):
     assert eventually(lambda: standing(remote), 5.0)
     stood_s = time.monotonic() - began
     assert eventually(lambda: cell.ledger()[-1].state == "aborted", 10.0)
-    assert cell.ledger()[-1].reason.startswith(f"{cell.host}: motion_forbidden")
+    assert cell.ledger()[-1].reason_text.startswith(f"{cell.host}: motion_forbidden")
     with Store.reader(cell.folder / "history") as store:
         assert store.stops.waiting() == []
         assert [motion.ending for motion in store.motions.rows()] == ["motion_forbidden"]
@@ -276,7 +276,7 @@ def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):
     with cell.client():
         assert eventually(lambda: bool(cell.ledger()) and cell.ledger()[0].state == "skipped", 20.0)
     stop(daemon)
-    assert "allow_motion" in (cell.ledger()[0].reason or "")
+    assert "allow_motion" in (cell.ledger()[0].reason_text or "")
     assert remote.truth()["q"] == pytest.approx(before, abs=1e-6)
 
 

@@ -39,7 +39,7 @@ def test_an_exception_during_a_replay_ends_the_window_and_waits_for_a_person(tmp
         row = daemon.monitor.perform(1e9)
         assert row is not None
         assert row.state == "aborted"
-        assert "No space left" in row.reason
+        assert "No space left" in row.reason_text
         assert [stop.cause for stop in store.stops.waiting()] == ["internal"]
 
 
@@ -55,7 +55,7 @@ def test_a_disk_that_refuses_a_motion_ends_the_window_without_a_person(tmp_path:
 
     with Store.open(configuration.state_directory) as store, Daemon(configuration, store, now=lambda: 1e9, play=play) as daemon:
         row = daemon.monitor.perform(1e9)
-        assert (row.state, row.reason) == ("aborted", "history.sqlite: no space is left")
+        assert (row.state, row.reason_text) == ("aborted", "history.sqlite: no space is left")
         assert store.stops.waiting() == []
 
 

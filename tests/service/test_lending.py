@@ -114,7 +114,7 @@ def test_windows_that_open_meanwhile_join_the_one_that_is_due(lent):
     arm.nodes = [START + 3 * DAY]
     arm.passes(3 * DAY + 2 * HOUR)
     assert len(arm.replayed) == 1
-    rows = {row.window_unix_s: (row.state, row.reason) for row in arm.store.ledger.rows()}
+    rows = {row.window_unix_s: (row.state, row.reason_text) for row in arm.store.ledger.rows()}
     assert rows[THREE][0] == "assessed"
     for day in (1, 2):
         assert rows[THREE + day * DAY][0] == "skipped"
@@ -165,7 +165,7 @@ def test_a_program_without_a_node_is_told_and_ends_in_the_ledger(lent):
     assert arm.waiting is not None
     first = next(row for row in arm.store.ledger.rows() if row.window_unix_s == THREE)
     assert first.state == "skipped"
-    assert first.reason == "hand_over: at the last node: payload: 0.4 kg more than configured"
+    assert first.reason_text == "hand_over: at the last node: payload: 0.4 kg more than configured"
     assert arm.waiting.since_unix_s > THREE
 
 
@@ -232,7 +232,7 @@ def test_evidence_is_over_with_its_span(lent):
     assert arm.replayed == []
     assert arm.waiting is None
     (row,) = arm.store.ledger.rows()
-    assert row.reason == "hand_over: the program reached no node"
+    assert row.reason_text == "hand_over: the program reached no node"
 
 
 def test_a_disk_that_fails_while_the_node_is_waited_for_ends_nothing(lent):
@@ -328,5 +328,5 @@ def test_a_fault_before_the_arm_was_taken_is_in_the_ledger_and_is_no_borrowing(t
         Daemon(settings, store, now=lambda: START, play=fails, borrow=fails) as daemon,
     ):
         row = daemon.monitor.borrow(due, lambda: True, lambda _: None)
-        assert (row.state, row.reason) == ("aborted", "internal: TypeError: a fault")
+        assert (row.state, row.reason_text) == ("aborted", "internal: TypeError: a fault")
         assert store.borrows.of([row]) == {}

@@ -19,7 +19,6 @@ from test_store import DAY, commit, replayed
 from monitor.errors import BadInput, StoreError
 from monitor.service.history.query import ask, plain, unique
 from monitor.service.history.query_tables import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, sources_at
-from monitor.store.history.schema import MIGRATIONS
 from monitor.store.store import Store
 
 duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: pip install 'joint-monitor[archive]'")
@@ -238,19 +237,6 @@ def damage(path: Path) -> None:
     for page in range(pages // 2, pages, 2):
         content[4096 * page : 4096 * page + 64] = b"\x99" * 64
     path.write_bytes(content)
-
-
-def test_a_history_of_an_earlier_version_is_asked_as_it_is(tmp_path: Path):
-    """Nothing is migrated by a question."""
-    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as history:
-        for step in range(1, 9):  # the last one without an archive
-            history.executescript(MIGRATIONS[step])
-        history.execute("INSERT INTO ledger VALUES (1, 0.0, 'scheduled', 'rejected', 0.0, 1.0, 'a test', 'replay-000001.parquet', NULL)")
-        history.commit()
-        history.execute("PRAGMA user_version = 8")
-    assert answer("SELECT is_here, address FROM recordings", ArmSource(tmp_path)) == [(False, None)]
-    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as history:
-        assert history.execute("PRAGMA user_version").fetchone() == (8,)
 
 
 def test_the_command_prints_a_table_csv_or_json_and_says_when_there_is_more(tmp_path: Path):

@@ -84,7 +84,7 @@ class Arm:
             self.scheduler.tick()
 
     def states(self) -> list[tuple[str, str]]:
-        return [(row.state, row.reason or "") for row in self.store.ledger.rows()]
+        return [(row.state, row.reason_text or "") for row in self.store.ledger.rows()]
 
 
 @pytest.fixture
@@ -297,7 +297,7 @@ def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(ar
     assert len(arm.replayed) == 1
     (_, row) = arm.store.ledger.rows()
     assert (row.kind, row.state) == ("requested", "skipped")
-    assert "MB are free" in (row.reason or "")
+    assert "MB are free" in (row.reason_text or "")
 
 
 def test_a_host_whose_clock_restarts_at_every_boot_keeps_its_history(arm: Arm):

@@ -57,7 +57,7 @@ def test_a_late_target_is_tried_again_in_the_same_window_and_each_try_is_in_the_
     row = made.monitor.perform(NOON, closes_unix_s=NOON + 60.0)
     assert made.waiting == []
     assert row.state == "aborted"
-    assert "the next try was refused: time_window" in row.reason
+    assert "the next try was refused: time_window" in row.reason_text
     assert states(made) == [("aborted", ["late", "late"])]
     shown = status_document(made.monitor.configuration, NOON)["ledger"]
     assert [each["cause"] for each in shown[0]["tries"]] == ["late", "late"]
@@ -76,12 +76,12 @@ def test_an_arm_that_is_not_reached_is_tried_again_while_the_window_is_open(daem
     """On a busy machine the first data may come too late. The window is skipped only where no try reached the arm."""
     silent = RobotUnreachable("127.0.0.1: RTDE answers but sends no data")
     made = daemon(silent, MotionRefused("remote_control: off"))
-    assert made.monitor.perform(NOON, closes_unix_s=NOON + 60.0).reason == "remote_control: off"
+    assert made.monitor.perform(NOON, closes_unix_s=NOON + 60.0).reason_text == "remote_control: off"
     assert states(made) == [("skipped", ["unreachable"])]
     made.bus.close()
     again = daemon(silent, silent, silent)
     row = again.monitor.perform(NOON + 1.0, closes_unix_s=NOON + 61.0)
-    assert (row.reason, again.waiting) == (str(silent), [])
+    assert (row.reason_text, again.waiting) == (str(silent), [])
     assert states(again)[1] == ("skipped", ["unreachable", "unreachable"])
 
 
@@ -90,8 +90,8 @@ def test_a_try_that_moved_is_told_where_a_later_one_does_not_reach_the_arm(daemo
     made = daemon(LATE, RobotUnreachable("127.0.0.1: no answer"), RobotUnreachable("127.0.0.1: still none"))
     row = made.monitor.perform(NOON, closes_unix_s=NOON + 60.0)
     assert row.state == "aborted"
-    assert str(LATE) in row.reason
-    assert "still none" in row.reason
+    assert str(LATE) in row.reason_text
+    assert "still none" in row.reason_text
     assert states(made) == [("aborted", ["late", "unreachable"])]
 
 

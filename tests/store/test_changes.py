@@ -1,6 +1,5 @@
 """A copy of the history that asks by cursor misses nothing: not a late verdict, not one that was taken back, not another history."""
 
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -61,7 +60,7 @@ def test_verdicts_that_are_taken_back_are_changes_without_rows(tmp_path: Path):
 
 
 def test_a_restored_history_is_another_one_and_an_untouched_one_stays_itself(tmp_path: Path):
-    """Restarts and migrations keep its identity; a backup in its place has another."""
+    """A restart keeps its identity; a backup in its place has another."""
     with Store.open(tmp_path) as store:
         commit(store, replayed(store, DAY))
         before = store.changes.history_id()
@@ -73,23 +72,6 @@ def test_a_restored_history_is_another_one_and_an_untouched_one_stays_itself(tmp
     with Store.open(tmp_path) as store:
         assert store.restored is not None
         assert store.changes.history_id() not in {None, before}
-
-
-def test_a_history_of_an_earlier_version_has_a_change_for_each_replay(tmp_path: Path):
-    """Schema 6 is migrated: what it holds is copied in the order of its replays."""
-    with Store.open(tmp_path) as store:
-        for day in (1, 2, 3):
-            commit(store, replayed(store, DAY * day), recorded_at_unix_s=DAY * day)
-        later = ("archived", "change", "production_observation", "production_information", "duty", "safety_stop", "inspection")
-        tables = [f"TABLE {name}" for name in later]
-        for name in ("TRIGGER assessment_written", "TRIGGER assessment_taken_back", *tables):
-            store.database.connection.execute(f"DROP {name}")
-        store.database.connection.execute("DELETE FROM note WHERE key = 'history_id'")
-        store.database.connection.execute("PRAGMA user_version = 6")
-    shutil.rmtree(tmp_path / "backups", ignore_errors=True)
-    with Store.open(tmp_path) as store:
-        assert copied(store)[0] == [(1, 2), (2, 2), (3, 2)]
-        assert store.changes.history_id()
 
 
 def test_transitions_come_in_pages_from_the_oldest_where_a_limit_is_asked(tmp_path: Path):

@@ -2,17 +2,14 @@
 
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 from prepared import Process
 
 from monitor.errors import MotionRefused, StoreError
-from monitor.store.history import schema as module
 from monitor.store.store import Store
 
 BEGIN = """
@@ -115,25 +112,6 @@ def test_the_serial_number_met_first_is_expected_until_a_person_allows_another(t
             assert not store.first_passes.is_latest("digest")
             store.motions.end(begun(store, serial="10", configured=True), "done", None, 6.0)
             assert store.motions.expected_serial() == "10"  # the configuration names it: a person has said so there
-
-
-def test_a_history_of_the_third_schema_is_migrated_with_what_is_not_known(tmp_path: Path):
-    """A window left half-way by an older program may have moved the arm. The arm that it learnt from is expected."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "HISTORY_SCHEMA", 3)
-        with closing(sqlite3.connect(tmp_path / "history.sqlite", isolation_level=None)) as connection:
-            module.migrate(connection, tmp_path)
-            connection.execute("INSERT INTO ledger VALUES (1, 10.0, 'scheduled', 'assessed', 10.0, 11.0, NULL, NULL, NULL)")
-            connection.execute("INSERT INTO ledger VALUES (2, 20.0, 'scheduled', 'started', 20.0, NULL, NULL, NULL, NULL)")
-            connection.execute("""INSERT INTO state VALUES (1, 1, '{"context": {"serial": "20185500001"}}', '{}', '{}')""")
-            connection.execute("INSERT INTO stop (ledger_id, at_unix_s, cause, reason) VALUES (1, 11.0, 'torque_band', 'joint 2')")
-    with Store.open(tmp_path) as store:
-        assert store.motions.expected_serial() == "20185500001"
-        assert [stop.cause for stop in store.stops.waiting()] == ["torque_band"]
-        assert [(motion.ledger_id, motion.began_at_unix_s) for motion in store.motions.left_over()] == [(2, 20.0)]
-        store.motions.give_up_left_over(30.0)
-        assert [stop.cause for stop in store.stops.waiting()] == ["torque_band", "unknown_end"]
-        assert "replay 2 was under way" in store.stops.waiting()[-1].text
 
 
 def test_a_restored_history_waits_for_a_person(tmp_path: Path):

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from prepared import Process
 
-from monitor.errors import StoreError
+from monitor.errors import OlderHistory, StoreError
+from monitor.reason import Sentence
 from monitor.store.store import Store
 
 DAY = 86_400.0
@@ -56,7 +57,7 @@ def test_a_replay_that_was_cut_short_becomes_aborted_and_is_not_run_again(tmp_pa
         assert store.ledger.repair(2 * DAY) == []
         (row,) = store.ledger.rows()
     assert (row.state, row.ended_at_unix_s) == ("aborted", 2 * DAY)
-    assert "ended during this replay" in (row.reason or "")
+    assert "ended during this replay" in (row.reason_text or "")
 
 
 def test_a_recording_that_was_saved_before_the_crash_waits_for_its_assessment(tmp_path: Path):
@@ -128,6 +129,21 @@ def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
     for opened in (Store.open, Store.reader, Store.beside):
         with pytest.raises(StoreError, match="newer"), opened(tmp_path):
             pass
+
+
+@pytest.mark.parametrize("version", [1, 10])
+def test_a_history_of_before_1_0_is_refused_with_what_to_do(tmp_path: Path, version: int):
+    """The sentence names its version, and how its recordings go into a new history. The file stays as it was."""
+    with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
+        connection.executescript(f"CREATE TABLE ledger (id INTEGER PRIMARY KEY); PRAGMA user_version = {version}")
+    before = (tmp_path / "history.sqlite").read_bytes()
+    for opened in (Store.open, Store.reader, Store.beside):
+        with (
+            pytest.raises(OlderHistory, match=rf"before 1\.0 \(schema {version}\).*another one in.*joint-monitor import"),
+            opened(tmp_path),
+        ):
+            pass
+    assert (tmp_path / "history.sqlite").read_bytes() == before
 
 
 @pytest.mark.parametrize("version", [0, 1, 3])
@@ -223,22 +239,13 @@ def test_a_first_pass_is_valid_until_its_circumstances_change(tmp_path: Path):
         assert store.first_passes.latest() == {"payload_kg": 2.0}
 
 
-def test_a_history_of_the_first_schema_is_migrated_with_its_rows(tmp_path: Path):
-    """Tables are added and rows stay. A reader reads the same, and leaves the file as it was."""
-    from monitor.store.history import schema as module
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "HISTORY_SCHEMA", 1)
-        with Store.open(tmp_path) as store:
-            replayed(store, DAY)
-    with Store.reader(tmp_path) as store:
-        assert [row.state for row in store.ledger.rows()] == ["recorded"]
-        assert (store.stops.waiting(), store.motions.left_over()) == ([], [])
-        with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
-            assert connection.execute("PRAGMA user_version").fetchone() == (1,)
+def test_a_stop_is_stored_whatever_its_reason_holds(tmp_path: Path):
+    """A reason comes back as code, parameters and text; of one with a figure that JSON cannot hold, the text is kept."""
+    measured = Sentence("measured_for_a_test", "joint {joint} needs {torque_nm:.1f} N·m")
     with Store.open(tmp_path) as store:
-        assert [row.state for row in store.ledger.rows()] == ["recorded"]
-        assert store.stops.waiting() == []
-    (kept,) = (tmp_path / "backups").iterdir()  # unchanged, for a return to the older program
-    with closing(sqlite3.connect(kept)) as connection:
-        assert connection.execute("PRAGMA user_version").fetchone() == (1,)
+        store.stops.add("torque_band", measured(joint=2, torque_nm=126.6), DAY)
+        store.stops.add("torque_band", measured(joint=2, torque_nm=float("nan")), DAY)
+        first, second = store.stops.waiting()
+    assert (first.reason.code, dict(first.reason.parameters)) == ("measured_for_a_test", {"joint": 2, "torque_nm": 126.6})
+    assert first.text == "a replay by hand was ended by torque_band: joint 2 needs 126.6 N·m"
+    assert second.reason.text == "joint 2 needs nan N·m"

@@ -168,7 +168,7 @@ def allow(
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
     from monitor.service.replay.left_arm import let_back
-    from monitor.store.history.stops import WAY_BACK
+    from monitor.store.history.motions import WAY_BACK
     from monitor.store.store import Store
 
     configuration = load_configuration(config)

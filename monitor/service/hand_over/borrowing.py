@@ -8,7 +8,7 @@ from threading import Lock
 from monitor.acquire.driver import Driver
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.service.hand_over.due import DueReplay
-from monitor.store.history.borrows import Borrow
+from monitor.store.history.ledger import Borrow
 from monitor.store.store import Store
 
 

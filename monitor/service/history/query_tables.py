@@ -206,7 +206,9 @@ def _event(seq: int, at: float, replay: int | None, text: str) -> list[Any]:
 
 
 def _ledger(connection: sqlite3.Connection, _: Path) -> Rows:
-    return connection.execute("SELECT id, window_unix_s, kind, state, reason, started_at_unix_s, ended_at_unix_s FROM ledger ORDER BY id")
+    return connection.execute(
+        "SELECT id, window_unix_s, kind, state, json_extract(reason, '$.text'), started_at_unix_s, ended_at_unix_s FROM ledger ORDER BY id"
+    )
 
 
 def _recordings(connection: sqlite3.Connection, directory: Path) -> Rows:

@@ -20,7 +20,7 @@ from monitor.service.history.inspection import inspection_document, stop_documen
 from monitor.service.history.maintenance import row_document
 from monitor.service.needed import need_document, needed
 from monitor.store.history.events import AlertEvent
-from monitor.store.history.stops import Stop
+from monitor.store.history.motions import Stop
 from monitor.store.store import Store
 
 GAP = 2.5  # times the usual interval between replays: a longer pause is a gap in the monitoring
@@ -233,7 +233,7 @@ def _stop(stop: Stop, end: float) -> dict[str, Any]:
         "at_unix_s": stop.at_unix_s,
         "replay": stop.ledger_id,
         "cause": stop.cause,
-        "reason": stop.reason,
+        "reason": stop.reason.text,
         "allowed_at_unix_s": stop.allowed_at_unix_s if allowed else None,
         "allowed_by": stop.allowed_by if allowed else None,
         "allowed_why": stop.allowed_why if allowed else None,
@@ -259,7 +259,7 @@ def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin:
         "windows": len(windows),
         "assessed": states.get("assessed", 0),
         "failed": [
-            {"replay": row.id, "window_unix_s": row.window_unix_s, "state": row.state, "reason": row.reason}
+            {"replay": row.id, "window_unix_s": row.window_unix_s, "state": row.state, "reason": row.reason_text}
             for row in windows
             if row.state in FAILED
         ],

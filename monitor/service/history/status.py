@@ -29,8 +29,7 @@ from monitor.service.monitor_document import borrowed_document, not_watched, pre
 from monitor.service.needed import need_document, needed
 from monitor.store.backup import present
 from monitor.store.history.assessments import StoredState
-from monitor.store.history.borrows import Borrow
-from monitor.store.history.ledger import LedgerRow, Try
+from monitor.store.history.ledger import Borrow, LedgerRow, Try
 from monitor.store.store import Store
 
 MAINTENANCE_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
@@ -148,8 +147,8 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
 
 def _window(row: LedgerRow, tries: Sequence[Try], borrow: Borrow | None) -> dict[str, Any]:
     """One window; `tries`, where there are any, are the replays before the last one in it; `borrowed`: a program lent the arm."""
-    document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason}
-    earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason} for each in tries]
+    document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason_text}
+    earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason.text} for each in tries]
     document |= {"tries": earlier} if earlier else {}
     return document if borrow is None else document | {"borrowed": outside(borrowed_document(borrow))}
 

@@ -53,7 +53,7 @@ def table(store: Store, what: str, from_unix_s: float | None = None, to_unix_s: 
     elif what == "ledger":
         rows = [
             {
-                "replay": row.id, "window_unix_s": row.window_unix_s, "kind": row.kind, "state": row.state, "reason": row.reason,
+                "replay": row.id, "window_unix_s": row.window_unix_s, "kind": row.kind, "state": row.state, "reason": row.reason_text,
                 "started_at_unix_s": row.started_at_unix_s, "ended_at_unix_s": row.ended_at_unix_s, "recording": row.recording,
                 "recording_removed_at_unix_s": row.removed_at_unix_s,
             }

@@ -54,7 +54,7 @@ def unlearnt(configuration: Configuration, store: Store) -> Standing | None:
     if until is None and learnt is not None:  # replays come on request alone: a joint is STALE then
         until = learnt + DAY_S * configuration.assess.health.stale_days
     rows = [row for row in store.ledger.rows(limit=1) if row.started_at_unix_s >= since and row.state != "assessed"]
-    return Standing(since, "; ".join(filter(None, (row.reason for row in rows))), until)
+    return Standing(since, "; ".join(filter(None, (row.reason_text for row in rows))), until)
 
 
 def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float, due: DueReplay | None = None) -> str | None:
@@ -122,7 +122,7 @@ def situation(
     return ServiceSituation(
         now_unix_s=now_unix_s,
         stop=Standing(waiting[0].at_unix_s, waiting[-1].text) if waiting else None,
-        refused=None if refused is None else Standing(refused[1], refused[2], windows=refused[0]),
+        refused=None if refused is None else Standing(refused[1], str(refused[2] or ""), windows=refused[0]),
         unlearnt=unlearnt(configuration, store),
         unheard=None if heard is None else heard.standing(configuration.schedule, store.ledger.began_unix_s()),
         allowed=max(allowed, default=None),

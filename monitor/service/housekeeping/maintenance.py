@@ -94,7 +94,7 @@ class Maintenance:
     def _stopped(self) -> str | None:
         """The problem that a replay ended in a stop, after which a person must check the arm; None where nothing waits."""
         for motion in self._store.motions.give_up_left_over(self._now()):
-            log.warning("%s; a person must look at the arm", motion.unknown_text)
+            log.warning("%s; a person must look at the arm", motion.end_unknown)
         for stop in self._store.stops.waiting():
             return f"{stop.text}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
         return None

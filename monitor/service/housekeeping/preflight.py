@@ -16,7 +16,7 @@ from monitor.publish.timestamps import rfc3339
 from monitor.service.hand_over.node_check import node_conditions
 from monitor.store.archive.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
-from monitor.store.history.schema import schema_of
+from monitor.store.history.database import version_of
 from monitor.store.store import Store
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
@@ -63,7 +63,7 @@ def _history(configuration: Configuration) -> ConditionResult:
     try:
         with closing(connected(path, "ro")) as connection:
             result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            version = schema_of(connection, directory)
+            version = version_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
             bound = connection.execute(BOUND_TO).fetchone() if version else None
     except StoreError as error:

@@ -86,7 +86,7 @@ def away(store: Store) -> str | None:
     """
     refused = []
     for row in reversed(store.ledger.rows(limit=COUNTED)):
-        if row.state != "skipped" or not (row.reason or "").startswith(NEAR):
+        if row.state != "skipped" or not (row.reason_text or "").startswith(NEAR):
             break
         refused.append(row)
     if not refused:

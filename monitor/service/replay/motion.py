@@ -217,7 +217,7 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
 
 def _waiting_text(store: Store) -> str | None:
     """What waits for a person, as a sentence: the newest stop, or a motion whose end nobody knows."""
-    texts = [stop.text for stop in store.stops.waiting()] + [motion.unknown_text for motion in store.motions.left_over()]
+    texts = [stop.text for stop in store.stops.waiting()] + [motion.end_unknown.text for motion in store.motions.left_over()]
     return texts[-1] if texts else None
 
 

@@ -10,13 +10,16 @@ from typing import Any, NamedTuple
 import orjson
 
 from monitor.errors import StoreError
-from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.reason import Sentence
+from monitor.store.history.database import Database, json_text, packed, reason_column, unpacked
 from monitor.store.history.events import AlertEvent, insert_events
 from monitor.store.history.maintenance import insert_maintenance
 
 CHECKPOINT_EVERY = (
     30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day
 )
+
+DATED_IN_FUTURE = Sentence("dated_in_future", "dated in the future by a clock that was wrong")
 
 
 class StoredAssessment(NamedTuple):
@@ -130,7 +133,7 @@ class Assessments:
 
     def provenance(self, digest: str) -> dict[str, Any]:
         """The provenance with this digest."""
-        ((document,),) = self._db.rows("SELECT document FROM circumstance WHERE digest = ?", (digest,))
+        ((document,),) = self._db.rows("SELECT document FROM provenance WHERE digest = ?", (digest,))
         found: dict[str, Any] = json.loads(document)
         return found
 
@@ -213,15 +216,14 @@ class Assessments:
         documents : those of belief, health and model without them; None where no assessment is left. Windows that were skipped then may
         open again when their time comes; a window in which an arm moved never does.
         """
-        reason = "dated in the future by a clock that was wrong"
         with self._db.transaction() as db:
             later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
             for ledger_id in later:
                 for name in ("friction", "checkpoint", "assessment", "maintenance"):
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
-                db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason, ledger_id))
+                db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason_column(DATED_IN_FUTURE()), ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))
-            db.execute("DELETE FROM work_observation WHERE at_unix_s > ?", (after_unix_s,))
+            db.execute("DELETE FROM production_observation WHERE at_unix_s > ?", (after_unix_s,))
             if documents is None:
                 db.execute("DELETE FROM state")
             else:
@@ -232,5 +234,5 @@ def insert_provenance(db: sqlite3.Connection, document: Mapping[str, Any]) -> st
     """Insert what a verdict was made with, inside a transaction; returns its digest."""
     text = json.dumps(document, allow_nan=False, sort_keys=True, separators=(",", ":"))
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-    db.execute("INSERT OR IGNORE INTO circumstance VALUES (?, ?)", (digest, text))
+    db.execute("INSERT OR IGNORE INTO provenance VALUES (?, ?)", (digest, text))
     return digest

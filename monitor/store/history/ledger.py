@@ -1,14 +1,21 @@
-"""The ledger: one row a window, with what was attempted in it and how it ended. I/O."""
+"""The ledger: one row a window, with what was attempted in it, how it ended, and which program lent the arm for it. I/O."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from monitor.reason import Reason, Sentence, reason_from
 from monitor.store.formats.recordings import RecordingFolder
-from monitor.store.history.database import Database
-from monitor.store.history.stops import insert_stop
+from monitor.store.history.database import Database, reason_column, stored_reason
+from monitor.store.history.motions import insert_stop
 
-_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording")
+_KEYS = ("id", "window_unix_s", "kind", "state", "started_at_unix_s", "ended_at_unix_s", "reason", "recording", "removed_at_unix_s")
+_COLUMNS = ", ".join(_KEYS)
+
+ENDED_DURING = Sentence("monitor_ended", "the monitor ended during this replay")
+FOUND = Sentence("found_on_disk", "found on disk after the history was restored")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,9 +28,14 @@ class LedgerRow:
     state: str
     started_at_unix_s: float
     ended_at_unix_s: float | None
-    reason: str | None
+    reason: Reason | None
     recording: str | None
     removed_at_unix_s: float | None = None  # when the recording was pruned
+
+    @property
+    def reason_text(self) -> str | None:
+        """The reason in English; None where there is none."""
+        return None if self.reason is None else self.reason.text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +45,19 @@ class Try:
     number: int  # within its window, from 1
     ended_at_unix_s: float
     cause: str
-    reason: str
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Borrow:
+    """One arm that a program lent."""
+
+    ledger_id: int
+    due_since_unix_s: float
+    taken_at_unix_s: float
+    program: str | None  # as the controller calls it; None: it tells no names
+    waited_s: float | None  # from the taking of the arm until the program went on; None: it did not
+    given_back: bool
 
 
 class Ledger:
@@ -73,35 +97,34 @@ class Ledger:
         with self._db.transaction() as db:
             db.execute("UPDATE ledger SET state = 'recorded', recording = ? WHERE id = ? AND state = 'started'", (name, ledger_id))
 
-    def end(self, ledger_id: int, state: str, reason: str, at_unix_s: float, *, stop: str | None = None) -> None:
+    def end(self, ledger_id: int, state: str, reason: str | Reason, at_unix_s: float, *, stop: str | None = None) -> None:
         """End a window without an assessment: rejected, aborted or skipped. `stop`: the cause after which a person must check the arm."""
         with self._db.transaction() as db:
             db.execute(
                 "UPDATE ledger SET state = ?, reason = ?, ended_at_unix_s = ? WHERE id = ? AND state IN ('started', 'recorded')",
-                (state, reason, float(at_unix_s), ledger_id),
+                (state, reason_column(reason), float(at_unix_s), ledger_id),
             )
             if stop is not None:
                 insert_stop(db, ledger_id, at_unix_s, stop, reason)
 
-    def add_try(self, ledger_id: int, cause: str, reason: str, at_unix_s: float) -> None:
+    def add_try(self, ledger_id: int, cause: str, reason: str | Reason, at_unix_s: float) -> None:
         """Enter a replay that ended early; the window stays started, because it is tried again."""
         with self._db.transaction() as db:
             db.execute(
                 "INSERT INTO try (ledger_id, number, ended_at_unix_s, cause, reason) "
                 "SELECT ?, count(*) + 1, ?, ?, ? FROM try WHERE ledger_id = ?",
-                (ledger_id, float(at_unix_s), cause, reason, ledger_id),
+                (ledger_id, float(at_unix_s), cause, reason_column(reason), ledger_id),
             )
 
     def tries(self, rows: Sequence[LedgerRow]) -> dict[int, list[Try]]:
         """The replays of these windows that ended early and were tried again, by the number of the window."""
         found: dict[int, list[Try]] = {row.id: [] for row in rows}
         marks = ", ".join("?" * len(found))
-        for ledger_id, *values in self._db.rows(
+        for ledger_id, number, at, cause, reason in self._db.rows(
             f"SELECT ledger_id, number, ended_at_unix_s, cause, reason FROM try WHERE ledger_id IN ({marks}) ORDER BY number",  # noqa: S608
             tuple(found),
         ):
-            number, at, cause, reason = values
-            found[ledger_id].append(Try(number=number, ended_at_unix_s=at, cause=cause, reason=reason))
+            found[ledger_id].append(Try(number=number, ended_at_unix_s=at, cause=cause, reason=reason_from(json.loads(reason))))
         return found
 
     def learnt_at_unix_s(self) -> float | None:
@@ -109,33 +132,32 @@ class Ledger:
         ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state = 'assessed'")
         return None if at is None else float(at)
 
-    def refused_in_a_row(self) -> tuple[int, float, str] | None:
+    def refused_in_a_row(self) -> tuple[int, float, Reason | None] | None:
         """The newest scheduled windows without an exception that the arm or its cell refused: how many, since when, and the last reason.
 
         Windows that nobody attended, or that the disk or an arm without an answer cost, neither count nor interrupt. None: no such window.
         """
         ((count, since, newest),) = self._db.rows(
             "SELECT count(*), min(window_unix_s), max(id) FROM ledger WHERE state = 'skipped' AND kind = 'scheduled' "
-            "AND reason GLOB '[a-z]*:*' AND reason NOT GLOB 'missed:*' AND reason NOT GLOB 'disk:*' AND reason NOT GLOB 'one replay *' "
+            "AND json_extract(reason, '$.text') GLOB '[a-z]*:*' AND json_extract(reason, '$.text') NOT GLOB 'missed:*' "
+            "AND json_extract(reason, '$.text') NOT GLOB 'disk:*' AND json_extract(reason, '$.text') NOT GLOB 'one replay *' "
             "AND id > (SELECT coalesce(max(id), 0) FROM ledger WHERE state <> 'skipped')"
         )
-        return (int(count), float(since), self.row(newest).reason or "") if count else None
+        return (int(count), float(since), self.row(newest).reason) if count else None
 
     def rows(self, *, limit: int | None = None, states: Sequence[str] = ()) -> list[LedgerRow]:
         """Windows, oldest first: the last `limit` of them, and only those in `states`, where given."""
         where = f"WHERE state IN ({', '.join('?' * len(states))})" if states else ""
         rows = self._db.rows(
-            "SELECT id, window_unix_s, kind, state, started_at_unix_s, ended_at_unix_s, reason, recording, removed_at_unix_s "  # noqa: S608
-            f"FROM ledger {where} ORDER BY id DESC LIMIT ?",
+            f"SELECT {_COLUMNS} FROM ledger {where} ORDER BY id DESC LIMIT ?",  # noqa: S608 - fixed names
             (*states, -1 if limit is None else limit),
         )
-        keys = (*_KEYS, "removed_at_unix_s")
-        return [LedgerRow(**dict(zip(keys, row, strict=True))) for row in reversed(rows)]
+        return [_row(row) for row in reversed(rows)]
 
     def row(self, ledger_id: int) -> LedgerRow:
         """One window."""
-        found = self._db.rows(f"SELECT {', '.join(_KEYS)} FROM ledger WHERE id = ?", (ledger_id,))  # noqa: S608 - fixed names
-        return LedgerRow(**dict(zip(_KEYS, found[0], strict=True)))
+        (found,) = self._db.rows(f"SELECT {_COLUMNS} FROM ledger WHERE id = ?", (ledger_id,))  # noqa: S608 - fixed names
+        return _row(found)
 
     def repair(self, at_unix_s: float, but: int | None = None) -> list[LedgerRow]:
         """Settle the windows that a crash left half-way: `started` becomes `recorded` where its recording is on disk, otherwise `aborted`.
@@ -149,7 +171,7 @@ class Ledger:
             if self._recordings.path(row.id).is_file():
                 self.mark_recorded(row.id)
             else:
-                self.end(row.id, "aborted", "the monitor ended during this replay", at_unix_s)
+                self.end(row.id, "aborted", ENDED_DURING(), at_unix_s)
         return self.rows(states=("recorded",))
 
     def windows(self, from_unix_s: float, to_unix_s: float) -> set[float]:
@@ -183,11 +205,50 @@ class Ledger:
         with self._db.transaction() as db:
             db.execute(
                 "INSERT INTO ledger (id, window_unix_s, kind, state, started_at_unix_s, reason, recording) "
-                "VALUES (?, ?, 'scheduled', 'recorded', ?, 'found on disk after the history was restored', ?)",
-                (ledger_id, float(window_unix_s), float(at_unix_s), self._recordings.path(ledger_id).name),
+                "VALUES (?, ?, 'scheduled', 'recorded', ?, ?, ?)",
+                (ledger_id, float(window_unix_s), float(at_unix_s), reason_column(FOUND()), self._recordings.path(ledger_id).name),
             )
 
     def mark_removed(self, ledger_id: int, at_unix_s: float) -> None:
         """Note that the recording of this window is no longer on disk."""
         with self._db.transaction() as db:
             db.execute("UPDATE ledger SET removed_at_unix_s = ? WHERE id = ?", (float(at_unix_s), ledger_id))
+
+
+class Borrows:
+    """The borrowings of one history."""
+
+    def __init__(self, database: Database) -> None:
+        self._db = database
+
+    def add(self, borrow: Borrow) -> None:
+        """Enter one, once it is known how it ended."""
+        with self._db.transaction() as db:
+            db.execute(
+                "INSERT OR REPLACE INTO borrow (ledger_id, due_since_unix_s, taken_at_unix_s, program, waited_s, given_back) "
+                "VALUES (?, ?, ?, ?, ?, ?)",
+                (
+                    borrow.ledger_id,
+                    float(borrow.due_since_unix_s),
+                    float(borrow.taken_at_unix_s),
+                    borrow.program,
+                    None if borrow.waited_s is None else float(borrow.waited_s),
+                    int(borrow.given_back),
+                ),
+            )
+
+    def of(self, rows: Sequence[LedgerRow]) -> dict[int, Borrow]:
+        """The borrowings of these windows, by the number of the window."""
+        marks = ", ".join("?" * len(rows))
+        found = self._db.rows(
+            "SELECT ledger_id, due_since_unix_s, taken_at_unix_s, program, waited_s, given_back "  # noqa: S608 - marks alone are put in
+            f"FROM borrow WHERE ledger_id IN ({marks})",
+            tuple(row.id for row in rows),
+        )
+        keys = ("ledger_id", "due_since_unix_s", "taken_at_unix_s", "program", "waited_s")
+        return {row[0]: Borrow(**dict(zip(keys, row[:-1], strict=True)), given_back=bool(row[-1])) for row in found}
+
+
+def _row(row: tuple[Any, ...]) -> LedgerRow:
+    known = dict(zip(_KEYS, row, strict=True))
+    return LedgerRow(**known | {"reason": stored_reason(known["reason"])})

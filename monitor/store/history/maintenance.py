@@ -50,7 +50,7 @@ class MaintenanceLog:
     def rows(self, *, joint: int | None = None) -> list[MaintenanceRow]:
         """All works, of one joint (from 1) or of all, the oldest declaration first; those that were taken back included."""
         where, values = ("", ()) if joint is None else ("WHERE joint = ?", (joint,))
-        rows = self._db.rows(f"SELECT {', '.join(_KEYS)} FROM work {where} ORDER BY id", values)  # noqa: S608 - fixed names
+        rows = self._db.rows(f"SELECT {', '.join(_KEYS)} FROM maintenance {where} ORDER BY id", values)  # noqa: S608 - fixed names
         return [MaintenanceRow(**dict(zip(_KEYS, row, strict=True)) | {"document": json.loads(row[4])}) for row in rows]
 
     def declare(
@@ -63,7 +63,7 @@ class MaintenanceLog:
         with self._db.transaction() as db:
             values = (int(act["joint"]), float(at_unix_s), json_text(act), *map(packed, before))
             db.execute(
-                "INSERT INTO work (joint, declared_at_unix_s, document, belief_before, health_before) VALUES (?, ?, ?, ?, ?)", values
+                "INSERT INTO maintenance (joint, declared_at_unix_s, document, belief_before, health_before) VALUES (?, ?, ?, ?, ?)", values
             )
             return _amend(db, after, events, at_unix_s)
 
@@ -73,7 +73,7 @@ class MaintenanceLog:
         """Take work back: the state after that and the transitions that follow, in one transaction. Raises as `declare`."""
         with self._db.transaction() as db:
             db.execute(
-                "UPDATE work SET undone_at_unix_s = ?, undone_by = ?, undone_why = ?, belief_before = NULL, health_before = NULL "
+                "UPDATE maintenance SET undone_at_unix_s = ?, undone_by = ?, undone_why = ?, belief_before = NULL, health_before = NULL "
                 "WHERE id = ?",
                 (float(at_unix_s), by, why, row.id),
             )
@@ -81,7 +81,7 @@ class MaintenanceLog:
 
     def before(self, row: MaintenanceRow) -> tuple[dict[str, Any], dict[str, Any]] | None:
         """Belief and health before a person declared this work; None where they are not kept."""
-        ((belief, health),) = self._db.rows("SELECT belief_before, health_before FROM work WHERE id = ?", (row.id,))
+        ((belief, health),) = self._db.rows("SELECT belief_before, health_before FROM maintenance WHERE id = ?", (row.id,))
         return None if belief is None else (unpacked(belief), unpacked(health))
 
     def amendments(self) -> list[Amendment]:
@@ -99,9 +99,10 @@ def insert_maintenance(db: sqlite3.Connection, ledger_id: int, maintenance: Sequ
     for act in maintenance:
         known = "joint = ? AND declared_at_unix_s = ? AND undone_at_unix_s IS NULL"
         key = (int(act["joint"]), float(act["declared_at_unix_s"]))
-        if db.execute(f"UPDATE work SET document = ? WHERE {known}", (json_text(act), *key)).rowcount == 0:  # noqa: S608 - fixed text
+        if db.execute(f"UPDATE maintenance SET document = ? WHERE {known}", (json_text(act), *key)).rowcount == 0:  # noqa: S608 - fixed text
             db.execute(
-                "INSERT INTO work (ledger_id, joint, declared_at_unix_s, document) VALUES (?, ?, ?, ?)", (ledger_id, *key, json_text(act))
+                "INSERT INTO maintenance (ledger_id, joint, declared_at_unix_s, document) VALUES (?, ?, ?, ?)",
+                (ledger_id, *key, json_text(act)),
             )
 
 

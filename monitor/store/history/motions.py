@@ -14,13 +14,32 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.errors import MotionRefused
+from monitor.reason import Reason, Sentence, reason_from
 from monitor.store.backup import refused_by
-from monitor.store.history.database import Database, json_text, set_note
-from monitor.store.history.stops import LEFT, SERIAL, insert_stop
+from monitor.store.history.database import Database, json_text, reason_column, set_note, stored_reason
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
 LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond
 UNKNOWN_END = "unknown_end"  # the cause of the stop that a motion without a known end becomes
+SERIAL = "arm_serial"  # name of the note with the serial number of the arm that this history belongs to
+LEFT = "arm_left"  # name of the note that says how the last motion left the arm; there is none where it brought the arm back
+ANOTHER_ARM = "another_arm"  # the cause of the stop that another serial number than the expected one is
+# causes that no replay ended by: their reason is the whole sentence
+WAY_BACK = "way_back"  # of the entry that a person made of a way back
+STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, WAY_BACK, UNKNOWN_END, "history_restored"})
+
+ARM_BUSY = Sentence("arm_moved_by_another", "{directory}: another joint-monitor moves this arm now")
+STOP_CAME = Sentence("stop_came", "a stop waits for a person; it came while this motion was prepared")
+STOPPED = Sentence("replay_stopped", "replay {replay} was ended by {cause}: {reason}")
+STOPPED_BY_HAND = Sentence("replay_by_hand_stopped", "a replay by hand was ended by {cause}: {reason}")
+MOTION_OF_REPLAY = Sentence("motion_of_replay", "a motion of replay {replay}")
+MOTION_BY_HAND = Sentence("motion_by_hand", "a motion by hand")
+MOTION_AT = Sentence("motion_at", "{motion} at {host}")
+END_UNKNOWN = Sentence(
+    UNKNOWN_END,
+    "{motion} was under way when the monitor or its host ended; whether the arm came to rest, and whether its safety system stopped it, "
+    "is not known",
+)
 _KEYS = ("id", "ledger_id", "began_at_unix_s", "host", "serial", "first_pass", "ended_at_unix_s", "ending", "reason")
 
 
@@ -36,17 +55,42 @@ class Motion:
     first_pass: bool
     ended_at_unix_s: float | None
     ending: str | None
-    reason: str | None
+    reason: Reason | None
 
     @property
-    def unknown_text(self) -> str:
-        """What is not known after this motion, which has no end, as a sentence."""
-        which = "a motion by hand" if self.ledger_id is None else f"a motion of replay {self.ledger_id}"
-        at = f" at {self.host}" if self.host else ""
-        return (
-            f"{which}{at} was under way when the monitor or its host ended; whether the arm came to rest, and whether its safety system "
-            "stopped it, is not known"
-        )
+    def end_unknown(self) -> Reason:
+        """What is not known after this motion, which has no end."""
+        motion = MOTION_BY_HAND() if self.ledger_id is None else MOTION_OF_REPLAY(replay=self.ledger_id)
+        return END_UNKNOWN(motion=MOTION_AT(motion=motion, host=self.host) if self.host else motion)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """A replay that ended in a stop: a person must check the arm before it moves again."""
+
+    id: int
+    ledger_id: int | None
+    at_unix_s: float
+    cause: str
+    reason: Reason
+    allowed_at_unix_s: float | None = None  # None: nobody has allowed it yet
+    allowed_by: str | None = None
+    allowed_why: str | None = None
+    serial: str | None = None  # of another arm than expected; a person who allows motion accepts that arm
+
+    @property
+    def said(self) -> Reason:
+        """The stop as a whole sentence: what ended, and why."""
+        if self.cause in STANDING_BY_THEMSELVES:
+            return self.reason
+        if self.ledger_id is None:
+            return STOPPED_BY_HAND(cause=self.cause, reason=self.reason)
+        return STOPPED(replay=self.ledger_id, cause=self.cause, reason=self.reason)
+
+    @property
+    def text(self) -> str:
+        """As an English sentence."""
+        return self.said.text
 
 
 class Motions:
@@ -70,7 +114,7 @@ class Motions:
             until = time.monotonic() + LOCK_PATIENCE_S
             while not _locked(handle, fcntl.LOCK_EX):
                 if time.monotonic() > until:
-                    raise MotionRefused(f"{self._lock.parent}: another joint-monitor moves this arm now")
+                    raise MotionRefused(ARM_BUSY(directory=str(self._lock.parent)))
                 time.sleep(0.005)
             self._give_up_unended(at_unix_s)
             yield
@@ -85,7 +129,7 @@ class Motions:
         """
         with self._db.transaction() as db:
             if db.execute("SELECT 1 FROM stop WHERE allowed_at_unix_s IS NULL LIMIT 1").fetchone():
-                raise MotionRefused("a stop waits for a person; it came while this motion was prepared")
+                raise MotionRefused(STOP_CAME())
             if serial is not None:
                 keep = "UPDATE SET value = excluded.value" if configured else "NOTHING"
                 db.execute(f"INSERT INTO note VALUES (?, ?) ON CONFLICT (key) DO {keep}", (SERIAL, serial))  # noqa: S608 - fixed words
@@ -99,7 +143,7 @@ class Motions:
         self,
         motion_id: int,
         ending: str,
-        reason: str | None,
+        reason: str | Reason | None,
         at_unix_s: float,
         *,
         left: Mapping[str, Any] | None = None,
@@ -114,11 +158,18 @@ class Motions:
                 _note_left(db, left)
             db.execute(
                 "UPDATE motion SET ended_at_unix_s = ?, ending = ?, reason = ? WHERE id = ? AND ended_at_unix_s IS NULL",
-                (float(at_unix_s), ending, reason, motion_id),
+                (float(at_unix_s), ending, reason_column(reason), motion_id),
             )
 
     def end_in_stop(
-        self, motion_id: int, cause: str, reason: str, at_unix_s: float, *, left: Mapping[str, Any] | None = None, moved: bool = True
+        self,
+        motion_id: int,
+        cause: str,
+        reason: str | Reason,
+        at_unix_s: float,
+        *,
+        left: Mapping[str, Any] | None = None,
+        moved: bool = True,
     ) -> None:
         """Note that a person must look after a motion, as `end` does: its end and the stop are stored together. Raises StoreError."""
         with self._db.transaction() as db:
@@ -186,7 +237,100 @@ class Motions:
     def _give_up_unended(self, at_unix_s: float) -> None:
         """The caller holds the right to move the arm, so nobody carries these motions out."""
         for motion in self._unended():
-            self.end_in_stop(motion.id, UNKNOWN_END, motion.unknown_text, at_unix_s)
+            self.end_in_stop(motion.id, UNKNOWN_END, motion.end_unknown, at_unix_s)
+
+
+class Stops:
+    """The stored stops, and the persons who allowed motion again."""
+
+    def __init__(self, database: Database) -> None:
+        self._db = database
+
+    def add(self, cause: str, reason: str | Reason, at_unix_s: float) -> None:
+        """Store the stop of a replay by hand, which the ledger does not have, or what a person allows beyond a stop."""
+        with self._db.transaction() as db:
+            insert_stop(db, None, at_unix_s, cause, reason)
+
+    def add_another_arm(self, serial: str, reason: str | Reason, at_unix_s: float) -> None:
+        """Store that another arm than expected answers, once until a person allows it."""
+        with self._db.transaction() as db:
+            known = db.execute("SELECT 1 FROM stop WHERE serial = ? AND allowed_at_unix_s IS NULL", (serial,)).fetchone()
+            if known is None:
+                db.execute(
+                    "INSERT INTO stop (at_unix_s, cause, reason, serial) VALUES (?, ?, ?, ?)",
+                    (float(at_unix_s), ANOTHER_ARM, reason_column(reason), serial),
+                )
+
+    def waiting(self) -> list[Stop]:
+        """Stops that nobody has acknowledged, oldest first."""
+        return [stop for stop in self.rows() if stop.allowed_at_unix_s is None]
+
+    def rows(self) -> list[Stop]:
+        """All stops, oldest first, each with the person who allowed motion again."""
+        keys = ("id", "ledger_id", "at_unix_s", "cause", "reason", "allowed_at_unix_s", "allowed_by", "allowed_why", "serial")
+        rows = self._db.rows(f"SELECT {', '.join(keys)} FROM stop ORDER BY id")  # noqa: S608 - fixed names
+        found = [dict(zip(keys, row, strict=True)) for row in rows]
+        return [Stop(**stop | {"reason": reason_from(json.loads(stop["reason"]))}) for stop in found]
+
+    def allow(self, by: str, why: str, at_unix_s: float) -> list[Stop]:
+        """Allow motion again: stores the person and the reason with every waiting stop. Returns these stops.
+
+        Where one of them is another arm than expected, that arm is expected from now on, and it must make its first pass slowly.
+        """
+        with self._db.transaction() as db:
+            waiting = self.waiting()
+            db.execute(
+                "UPDATE stop SET allowed_at_unix_s = ?, allowed_by = ?, allowed_why = ? WHERE allowed_at_unix_s IS NULL",
+                (float(at_unix_s), by, why),
+            )
+            others = [stop.serial for stop in waiting if stop.serial is not None]
+            if others:
+                db.execute("DELETE FROM note WHERE key = ?", (LEFT,))  # that was another arm
+                set_note(db, SERIAL, others[-1])
+                # a first pass of no provenance: the latest one is not of this arm, nor is the torque model of that time
+                note = json_text({"another_arm": others[-1]})
+                db.execute("INSERT INTO first_pass (at_unix_s, digest, document) VALUES (?, '', ?)", (float(at_unix_s), note))
+        return waiting
+
+
+class FirstPasses:
+    """Slow first passes along a trajectory, each with the digest of its provenance."""
+
+    def __init__(self, database: Database) -> None:
+        self._db = database
+
+    def is_latest(self, digest: str) -> bool:
+        """Whether the latest first pass has the provenance of this digest."""
+        rows = self._db.rows("SELECT digest FROM first_pass ORDER BY id DESC LIMIT 1")
+        return bool(rows) and rows[0][0] == digest
+
+    def latest(self) -> dict[str, Any] | None:
+        """The document of the latest first pass; None before the first."""
+        rows = self._db.rows("SELECT document FROM first_pass ORDER BY id DESC LIMIT 1")
+        return json.loads(rows[0][0]) if rows else None
+
+    def add(self, digest: str, document: Mapping[str, Any], at_unix_s: float) -> None:
+        """Store a first pass: the arm has moved slowly along its trajectory.
+
+        digest : of its provenance.
+        """
+        with self._db.transaction() as db:
+            db.execute(
+                "INSERT INTO first_pass (at_unix_s, digest, document) VALUES (?, ?, ?)",
+                (float(at_unix_s), digest, json_text(document)),
+            )
+
+
+def insert_stop(db: sqlite3.Connection, ledger_id: int | None, at_unix_s: float, cause: str, reason: str | Reason) -> None:
+    """Insert a stop inside a transaction, once for a window and a cause. The window's motions without an end thereby have one."""
+    known = "SELECT 1 FROM stop WHERE ledger_id = ? AND cause = ? AND allowed_at_unix_s IS NULL"
+    if db.execute(known, (ledger_id, cause)).fetchone() is None:
+        values = (ledger_id, float(at_unix_s), cause, reason_column(reason))
+        db.execute("INSERT INTO stop (ledger_id, at_unix_s, cause, reason) VALUES (?, ?, ?, ?)", values)
+    db.execute(
+        "UPDATE motion SET ended_at_unix_s = ?, ending = ?, reason = ? WHERE ended_at_unix_s IS NULL AND ledger_id IS ?",
+        (float(at_unix_s), cause, reason_column(reason), ledger_id),
+    )
 
 
 def _note_left(db: sqlite3.Connection, left: Mapping[str, Any] | None) -> None:
@@ -196,9 +340,9 @@ def _note_left(db: sqlite3.Connection, left: Mapping[str, Any] | None) -> None:
         set_note(db, LEFT, json_text(left))
 
 
-def _motion(row: tuple[object, ...]) -> Motion:
+def _motion(row: tuple[Any, ...]) -> Motion:
     known = dict(zip(_KEYS, row, strict=True))
-    return Motion(**{**known, "first_pass": bool(known["first_pass"])})  # type: ignore[arg-type]
+    return Motion(**known | {"first_pass": bool(known["first_pass"]), "reason": stored_reason(known["reason"])})
 
 
 def _locked(handle: int, kind: int) -> bool:

@@ -34,7 +34,7 @@ class ProductionLog:
 
     def information(self) -> dict[str, Any] | None:
         """The document of the sums as they were kept last; None where none were."""
-        rows = self._db.rows("SELECT document FROM work_information")
+        rows = self._db.rows("SELECT document FROM production_sums")
         return unpacked(rows[0][0]) if rows else None
 
     def keep_information(self, document: Mapping[str, Any], at_unix_s: float) -> None:
@@ -60,7 +60,7 @@ class ProductionLog:
             digest = insert_provenance(db, made_with)
             try:
                 db.execute(
-                    "INSERT INTO work_observation VALUES (?, ?, ?, ?, ?, ?)",
+                    "INSERT INTO production_observation VALUES (?, ?, ?, ?, ?, ?)",
                     (row.day, row.at_unix_s, json_text(row.document), json_text(row.context), json.dumps(row.learnt), digest),
                 )
             except sqlite3.IntegrityError:
@@ -75,13 +75,13 @@ class ProductionLog:
 
     def newest_day(self, at_most: int) -> int | None:
         """The newest day that was judged, up to this one; None where none was."""
-        day: int | None = self._db.rows("SELECT max(day) FROM work_observation WHERE day <= ?", (at_most,))[0][0]
+        day: int | None = self._db.rows("SELECT max(day) FROM production_observation WHERE day <= ?", (at_most,))[0][0]
         return day
 
     def rows(self, *, after_day: int = -1, limit: int | None = None) -> list[DayOfProduction]:
         """The newest `limit` observations of days after this one, oldest first."""
         rows = self._db.rows(
-            f"SELECT {', '.join(_KEYS)} FROM work_observation WHERE day > ? ORDER BY day DESC LIMIT ?",  # noqa: S608 - fixed names
+            f"SELECT {', '.join(_KEYS)} FROM production_observation WHERE day > ? ORDER BY day DESC LIMIT ?",  # noqa: S608 - fixed names
             (after_day, -1 if limit is None else limit),
         )
         return [
@@ -99,7 +99,7 @@ class ProductionLog:
 
 def _keep(db: sqlite3.Connection, document: Mapping[str, Any], at_unix_s: float) -> None:
     db.execute(
-        "INSERT INTO work_information VALUES (1, ?, ?) ON CONFLICT (id) DO UPDATE SET at_unix_s = excluded.at_unix_s, "
+        "INSERT INTO production_sums VALUES (1, ?, ?) ON CONFLICT (id) DO UPDATE SET at_unix_s = excluded.at_unix_s, "
         "document = excluded.document",
         (float(at_unix_s), packed(document)),
     )

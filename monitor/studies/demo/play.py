@@ -120,7 +120,7 @@ def _four_weeks(daemon: Daemon, remote: Remote, state: DemoState, screen: Screen
             state.failed.append(f"day {day + 1} {row.state}: {row.reason}")
         state.true_wear = true_friction_nm(remote) / healthy_nm - 1.0
         how = "RTDE, real time" if live else "stepped"
-        state.replays.append(f"{rfc3339(state.clock_unix_s)[:10]}  {how:<15}  {row.state}{': ' + row.reason if row.reason else ''}")
+        state.replays.append(f"{rfc3339(state.clock_unix_s)[:10]}  {how:<15}  {row.state}{f': {row.reason}' if row.reason else ''}")
         time.sleep(SETTLE_S)
         screen.replay_done()
 

@@ -109,7 +109,7 @@ def replays_of(store: Store) -> list[JudgedReplay]:
     with_ = [replay.made_with for replay in judged if replay.made_with is not None]
     found, times = list(judged), [replay.judged_at_unix_s for replay in judged]
     for row in store.ledger.rows(states=("rejected",)):
-        if row.recording is None or (row.reason or "").startswith(OF_TIME) or row.ended_at_unix_s is None or not with_:
+        if row.recording is None or (row.reason_text or "").startswith(OF_TIME) or row.ended_at_unix_s is None or not with_:
             continue
         before = judged[max(0, bisect_right(times, row.ended_at_unix_s) - 1)]
         made_with = before.made_with or with_[0]

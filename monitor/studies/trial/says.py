@@ -63,7 +63,7 @@ class Says:
         for row in newest:
             if row.id > self._replay and row.ended_at_unix_s is not None:
                 self._replay = row.id
-                self.line(f"{_date(row.window_unix_s)}  {row.state}{': ' + row.reason if row.reason else self._worst(service)}")
+                self.line(f"{_date(row.window_unix_s)}  {row.state}{f': {row.reason}' if row.reason else self._worst(service)}")
         for event in service.store.events.rows(after=self._event):
             self._event = event.seq
             self.line(f"{_date(event.at_unix_s)}  {_event(event.document)}")

@@ -107,7 +107,7 @@ class Content:
                 "count": len(run),
                 "kind": run[-1].kind,
                 "state": run[-1].state,
-                "reason": run[-1].reason,
+                "reason": run[-1].reason_text,
                 "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[run[-1].id]],
                 "borrowed": None if (lent := borrows.get(run[-1].id)) is None else {"program": lent.program, "waited_s": lent.waited_s},
             }
