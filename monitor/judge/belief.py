@@ -29,7 +29,6 @@ from monitor.judge.drift.undeclared import (
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage, usage_from_document
 from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
-from monitor.judge.migrate import from_version_2, from_version_3
 from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
 from monitor.judge.production_observation import ProductionHistory, context_from_document, production_history_from_document
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
@@ -226,18 +225,15 @@ class Belief:
 
 
 def belief_from_document(document: Any) -> Belief:
-    """A Belief from `Belief.as_document()`, of this release or of an older one.
+    """A Belief from `Belief.as_document()`.
 
     Raises BadInput naming the key that is missing or wrong, or a schema version that this release does not read.
     """
     where = "belief"
     version = entry(document, "schema_version", where=where)
-    for old, newer in ((2, from_version_2), (3, from_version_3)):
-        if version == old:
-            document, version = newer(document), old + 1
     if version != BELIEF_SCHEMA:
         raise BadInput(
-            f"belief: schema_version is {version!r}; this release reads 2 to {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
+            f"belief: schema_version is {version!r}; this release reads {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
     J = len(array(document, "reference_temperature_c", (-1,), where=where))

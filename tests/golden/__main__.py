@@ -1,4 +1,4 @@
-"""`python -m tests.golden write|compare DIR [--only NAME]`; `expected` and `pack NAME` for the small part that is committed."""
+"""`python -m tests.golden write|compare DIR [--only NAME]`; `expected` for the small part that is committed."""
 
 import argparse
 import resource
@@ -19,8 +19,8 @@ SET = "set"  # what is compared; beside it lie the artefacts
 def main() -> int:
     """0 where everything is as it was, else 1."""
     parser = argparse.ArgumentParser(prog="python -m tests.golden", description=__doc__)
-    parser.add_argument("do", choices=("write", "compare", "expected", "pack"))
-    parser.add_argument("folder", nargs="?", type=Path, help="where the set is; pack: the history's name")
+    parser.add_argument("do", choices=("write", "compare", "expected"))
+    parser.add_argument("folder", nargs="?", type=Path, help="where the set is")
     parser.add_argument("--only", action="append", choices=sorted(PARTS), help="one part; may be given again")
     parser.add_argument("--stored-recordings", action="store_true", help="compare: take the set's recordings, do not simulate anew")
     parser.add_argument("--keep", type=Path, help="compare: keep what was regenerated here")
@@ -29,8 +29,6 @@ def main() -> int:
         return small.rewrite()
     if given.folder is None:
         parser.error("which folder?")
-    if given.do == "pack":
-        return small.pack(str(given.folder))
     folder = given.folder.resolve()
     chosen = given.only or list(PARTS)
     print(f"the code below {entry.package_folder()}, parts {', '.join(chosen)}", flush=True)

@@ -1,13 +1,11 @@
-"""The small part that is committed: what a few stepped replays, a small fleet and a small search give, and histories of earlier versions.
+"""The small part that is committed: what a few stepped replays, a small fleet, a small search and a continued history give.
 
-`python -m tests.golden expected` writes `expected/` anew and prints what has changed; `python -m tests.golden pack NAME` adds a history
-written by this version to `histories/`, where it stays: later versions must read it and go on.
+`python -m tests.golden expected` writes `expected/` anew and prints what has changed.
 """
 
 import gzip
 import json
 import shutil
-import tarfile
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,9 @@ from .compare import differences
 from .run import Run
 from .worlds import DAY_S
 
-EXPECTED, HISTORIES = Path(__file__).with_name("expected"), Path(__file__).with_name("histories")
+EXPECTED = Path(__file__).with_name("expected")
 DIGITS = 10  # of every figure that is kept: more than is compared
-WRITTEN, CONTINUED = 10, 13  # replays in a packed history, and after it was continued
+WRITTEN, CONTINUED = 10, 13  # replays in the history as it is found, and after it was continued
 STEP_DAY = 6.5  # an earlier step belongs to the baseline
 SMALL = worlds.World(
     name="small",
@@ -74,11 +72,10 @@ def designed(run: Run) -> Any:
     return found
 
 
-def continued(run: Run, archive: Path) -> Any:
-    """A packed history: what it holds as it is found, and after three more replays."""
-    home = run.production / archive.name.removesuffix(".tar.gz")
-    unpacked(archive, home)
-    shutil.copytree(_rewritten(run) / "history" / "recordings", home / "history" / "recordings", dirs_exist_ok=True)
+def continued(run: Run) -> Any:
+    """A history: what it holds as it is found, and after a restart and three more replays."""
+    home = run.artefacts / "written"
+    written(run, home)
     found = {"as found": _told(run, home)}
     days = daemon.Days(recorded(run))
     clock = entry.Clock(SMALL.at_unix_s(WRITTEN - 1) + DAY_S / 2)
@@ -92,17 +89,11 @@ def continued(run: Run, archive: Path) -> Any:
     return found
 
 
-def recomputed(run: Run, archive: Path) -> dict[str, Any]:
+def recomputed(run: Run) -> dict[str, Any]:
     """Every verdict of the continued history once more; to be asked after `continued`."""
-    home = run.production / archive.name.removesuffix(".tar.gz")
+    home = run.artefacts / "written"
     found: dict[str, Any] = _printed(run, "assess", "--from-store", "--config", "arm.toml", "--json", cwd=home, may_end_with=(0, 3))
     return found
-
-
-def unpacked(archive: Path, into: Path) -> None:
-    """The state directory and its configuration, as some version left them."""
-    with tarfile.open(archive) as tar:
-        tar.extractall(into, filter="data")
 
 
 def _told(run: Run, home: Path) -> dict[str, Any]:
@@ -119,14 +110,6 @@ def _printed(run: Run, *arguments: str | Path, cwd: Path, may_end_with: tuple[in
     result = json.loads((run.into / "last.json").read_text("utf-8"))
     assert result["exit"] in may_end_with, result
     return json.loads("\n".join(result["stdout"]))
-
-
-def _rewritten(run: Run) -> Path:
-    """The same life once more, by this version: a packed history is without its recordings, which are half a megabyte each."""
-    home = run.artefacts / "written"
-    if not home.is_dir():
-        written(run, home)
-    return home
 
 
 def written(run: Run, home: Path) -> None:
@@ -150,36 +133,9 @@ def written(run: Run, home: Path) -> None:
         running.say_monitor()
 
 
-def pack(name: str) -> int:
-    """Add a history written by this version. A file that is there stays: it is somebody's past."""
-    archive = HISTORIES / f"{name}.tar.gz"
-    assert not archive.exists(), f"{archive} is there already"
-    with tempfile.TemporaryDirectory(prefix="golden-") as scratch:
-        run = run_in(Path(scratch))
-        written(run, run.artefacts / "written")
-        HISTORIES.mkdir(exist_ok=True)
-        with gzip.GzipFile(archive, "wb", mtime=0) as packed, tarfile.open(fileobj=packed, mode="w") as tar:
-            for part in ("arm.toml", "history/history.sqlite", "history/monitor.json"):
-                tar.add(run.artefacts / "written" / part, part, filter=_anonymous)
-    print(f"{archive.name}: {archive.stat().st_size / 1000:.0f} kB")
-    return 0
-
-
-def _anonymous(member: tarfile.TarInfo) -> tarfile.TarInfo:
-    member.mtime = member.uid = member.gid = 0
-    member.uname = member.gname = ""
-    return member
-
-
 def regenerated(run: Run) -> dict[str, Any]:
     """Everything that is expected, by its name."""
-    found = {"assess": assessed(run), "rehearse": rehearsed(run), "design": designed(run)}
-    return found | {f"history-{archive.name.removesuffix('.tar.gz')}": continued(run, archive) for archive in histories()}
-
-
-def histories() -> list[Path]:
-    """Packed ones, the oldest first."""
-    return sorted(HISTORIES.glob("*.tar.gz"))
+    return {"assess": assessed(run), "rehearse": rehearsed(run), "design": designed(run), "history": continued(run)}
 
 
 def expected(name: str) -> Any:

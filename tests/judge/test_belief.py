@@ -1,23 +1,18 @@
 """The belief as a document: exact, checked when it is read, and carried over from older releases."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import CONTEXT, DAY_S, Arm, History, fresh, weather
+from synthetic_arm import Arm, History, fresh, weather
 
 from monitor.errors import BadInput
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import (
     ORDINARY,
-    RATE,
-    WEAR,
     remember_warming,
     saturating,
 )
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.learn import learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()
@@ -63,35 +58,9 @@ def test_a_belief_without_a_key_is_refused():
         belief_from_document(document)
 
 
-def test_a_belief_of_schema_2_is_carried_over():
-    """Schema 2 had no usage and no bins, and the rate of the logarithm: wear, level and the rate of friction stay as they were."""
-    belief = fresh()
-    for day in range(12):
-        at = belief.at_unix_s + DAY_S
-        belief = learn(belief, Arm(seed=day).replay(30.0, 0.1 * (day > 8)), CONTEXT, at, settings=DriftSettings(), laws=LAWS).belief
-    old = copy.deepcopy(belief.as_document())
-    for law in ("viscous", "coulomb"):
-        del old[law]["bins"]
-    del old["usage"]
-    for opened in old["contexts"]:
-        for added in ("joint_serials", "maintenance", "revolutions"):
-            del opened["context"][added]
-    for mean in old["track"]["mean"]:
-        mean[RATE] /= np.exp(mean[WEAR])
-    carried = belief_from_document({**old, "schema_version": 2})
-    assert np.allclose(carried.wear_and_rate()[0], belief.wear_and_rate()[0], rtol=1e-12)
-    assert np.array_equal(carried.wear, belief.wear)
-    assert carried.contexts == belief.contexts
-    assert np.isnan(carried.usage.per_day).all()
-    onwards = learn(carried, Arm(seed=99).replay(30.0, 0.1), CONTEXT, carried.at_unix_s + DAY_S, settings=DriftSettings(), laws=LAWS).belief
-    assert onwards.as_document()["schema_version"] == 4
-    with pytest.raises(BadInput, match="not what schema_version 2 wrote"):
-        belief_from_document({**old, "schema_version": 2, "track": {}})
-
-
-def test_a_belief_of_schema_1_is_refused_with_what_to_do():
+def test_a_belief_of_another_schema_is_refused_with_what_to_do():
     """It cannot be carried over; the message says how the history is kept."""
-    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 2 to 4\. .*joint-monitor assess"):
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 4\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})
 
 

@@ -1,15 +1,13 @@
 """The filter from replay to replay: which replays the noise is estimated from, and which sudden changes are detected."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, lived_together, weather
 
-from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.belief import Belief, belief_from_document
+from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, WINDOW, replace_joints
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import DENSE, SUMMED_STD, JointNoise, likelihood_ratios, summed_evidence, thresholds
@@ -109,26 +107,6 @@ def test_noise_is_learnt_where_every_second_replay_has_no_temperature():
     seen = [arm.replay(weather(day, rng)) for day in range(100)]
     blind = [replace(one, temperature_c=None) if day % 2 else one for day, one in enumerate(seen)]
     assert np.median(lived(blind)[-1].noise_std(DRIFT)) == pytest.approx(0.04, abs=0.01)
-
-
-def test_a_belief_of_schema_3_is_carried_over():
-    """Schema 3 had 28 starts of a change: these stay, the others begin without evidence, and the next replay is learnt from."""
-    belief = lived(a_year(7, days=60))[-1]
-    kept = 28
-    old = copy.deepcopy(belief.as_document())
-    old["schema_version"] = 3
-    old["track"]["ages"] = [ages[:kept] for ages in old["track"]["ages"]]
-    for name in ("responses", "scores", "raw_scores", "informations"):
-        old["track"][name] = [[kind[:kept] for kind in joint] for joint in old["track"][name]]
-    carried = belief_from_document(old)
-    assert np.array_equal(carried.wear, belief.wear)
-    assert np.array_equal(carried.filter_state.glr_scores[:, :, :kept], belief.filter_state.glr_scores[:, :, :kept])
-    assert not carried.filter_state.responses[:, :, kept:].any()
-    arm, at = Arm(seed=70), START_S + 60 * DAY_S
-    onwards = learn(carried, arm.replay(31.0), CONTEXT, at, settings=DRIFT, laws=LAWS).belief
-    assert np.all(np.diff(onwards.filter_state.ages, axis=1) > 0)
-    with pytest.raises(BadInput, match="not what schema_version 3 wrote"):
-        belief_from_document({**old, "track": {}})
 
 
 def test_a_wear_rate_that_only_a_few_replays_fit_needs_more_evidence():

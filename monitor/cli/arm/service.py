@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from monitor.cli.options import Commands, ConfigOption, load_configuration
-from monitor.errors import BadConfiguration
+from monitor.errors import BadConfiguration, OlderHistory
 
 if TYPE_CHECKING:
     from monitor.config.schema import Configuration
@@ -19,7 +19,7 @@ def run(
     now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
     only_check: Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing; for ExecReload.")] = False,
 ) -> None:
-    """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong, or its history is not of this arm."""
+    """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong, or its history is of another arm or of a version before 1.0."""
     try:
         # systemd 252 lets the main process alone read its credentials, and not ExecReload
         configuration = load_configuration(config, secrets_needed=not only_check)
@@ -27,7 +27,7 @@ def run(
             typer.echo(f"{configuration.path} is right")
             return
         _serve(configuration, now)
-    except BadConfiguration as error:
+    except (BadConfiguration, OlderHistory) as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
 
