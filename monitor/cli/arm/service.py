@@ -19,7 +19,10 @@ def run(
     now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
     only_check: Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing; for ExecReload.")] = False,
 ) -> None:
-    """Run the monitor of one robot until SIGTERM. Exit 78: the configuration is wrong, or its history is of another arm or of a version before 1.0."""
+    """Run the monitor of one robot until SIGTERM.
+
+    Exit 78: the configuration is wrong, or its history is of another arm or of a version before 1.0.
+    """
     try:
         # systemd 252 lets the main process alone read its credentials, and not ExecReload
         configuration = load_configuration(config, secrets_needed=not only_check)
