@@ -16,8 +16,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
-from monitor.publish.metrics.settings import MetricsSettings
-from monitor.publish.session import BusSettings, prefix
+from monitor.publish.session import BusSettings, MetricsSettings, prefix
 from monitor.recording import Array, Context
 from monitor.store.archive.places import BUCKET, ENDPOINT
 from monitor.store.archive.settings import FOLDER, ArchiveSettings

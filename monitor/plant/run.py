@@ -23,7 +23,7 @@ from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
 
 if TYPE_CHECKING:
     from monitor.plant.screen.server import ScreenServer
-    from monitor.publish.metrics.metrics import MetricsServer
+    from monitor.publish.metrics import MetricsServer
 
 log = logging.getLogger(__name__)
 
@@ -154,7 +154,7 @@ def _screen(configuration: PlantConfiguration, database: Database, ways: Callabl
 def _metrics(configuration: PlantConfiguration, database: Database) -> "MetricsServer":
     """The figures for Prometheus, with a client of it that a plant without them does not load."""
     from monitor.plant.metrics import plant_families
-    from monitor.publish.metrics.metrics import MetricsServer
+    from monitor.publish.metrics import MetricsServer
 
     return MetricsServer(configuration.metrics, lambda: plant_families(database))
 

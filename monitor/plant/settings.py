@@ -14,8 +14,7 @@ from monitor.config.sections import nearest, read_section
 from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
 from monitor.errors import BadConfiguration, BadInput
 from monitor.plant.screen.settings import ScreenSettings
-from monitor.publish.metrics.settings import MetricsSettings
-from monitor.publish.session import BusSettings
+from monitor.publish.session import BusSettings, MetricsSettings
 
 FOR_ALL = Path("/etc/joint-monitor-plant.toml")  # of the shipped unit
 EMBEDDED = "plant.sqlite"

@@ -26,6 +26,7 @@ from monitor.publish.documents import (
     History,
     HistoryRow,
     Info,
+    InspectedRequest,
     Model,
     ReplayRequest,
     Request,
@@ -33,10 +34,10 @@ from monitor.publish.documents import (
     ShelveRequest,
     Torque,
     UnackRequest,
+    UndoInspectedRequest,
     UndoServicedRequest,
     UnshelveRequest,
 )
-from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import KINDS, kind_of
 from monitor.publish.session import prefix, session_config
 

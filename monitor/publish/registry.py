@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from monitor.publish import documents, inspection_documents
+from monitor.publish import documents
 
 
 class Delivery(Enum):
@@ -93,13 +93,13 @@ KINDS: dict[str, DocumentKind] = _entries(
     ),
     _entry(
         "inspection",
-        inspection_documents.Inspection,
+        documents.Inspection,
         "inspection",
         _LAST,
         "Every ten minutes, at every stop of the arm's safety system, and when a check is recorded (`[inspection]`).",
     ),
-    _entry("inspected-request", inspection_documents.InspectedRequest, "cmd/inspected", _REQUEST, "When a person records a check."),
-    _entry("uninspected-request", inspection_documents.UndoInspectedRequest, "cmd/uninspected", _REQUEST, "When a person takes that back."),
+    _entry("inspected-request", documents.InspectedRequest, "cmd/inspected", _REQUEST, "When a person records a check."),
+    _entry("uninspected-request", documents.UndoInspectedRequest, "cmd/uninspected", _REQUEST, "When a person takes that back."),
     _entry("replay-request", documents.ReplayRequest, "cmd/replay", _REQUEST, "When a person asks for a replay."),
     _entry("replay", documents.Replay, "replay", _LAST, "Before the arm moves for a replay, and after it."),
     _entry(

@@ -1,4 +1,4 @@
-"""Zenoh sessions: where the daemon meets the bus, the keys of one robot, credentials, and the encoding of a document."""
+"""Where the daemon is met: Zenoh sessions, the keys of one robot, credentials, a document's encoding, and the address for Prometheus."""
 
 import json
 import os
@@ -144,3 +144,22 @@ def log_refusals(settings: BusSettings) -> None:
 def encoding(kind: str) -> zenoh.Encoding:
     """The encoding that names the kind of document, `application/json;joint-monitor.<kind>.v1`."""
     return zenoh.Encoding(f"application/json;joint-monitor.{kind}.v1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MetricsSettings:
+    """Where Prometheus may scrape."""
+
+    listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:9464"; empty: nowhere
+
+    def __post_init__(self) -> None:
+        """Raises BadInput where `listen` is no address."""
+        if self.listen:
+            self.address()
+
+    def address(self) -> tuple[str, int]:
+        """Host and port. Raises BadInput."""
+        host, _, port = self.listen.rpartition(":")
+        if not host or not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65535):
+            raise BadInput(f"metrics: listen = {self.listen!r}; expected HOST:PORT, e.g. 127.0.0.1:9464")
+        return host, int(port)

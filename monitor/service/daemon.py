@@ -6,19 +6,17 @@ from collections.abc import Callable
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
-from monitor.service.bus.alert_changes import AlertChanges
-from monitor.service.bus.handlers import Handlers
-from monitor.service.bus.live import LiveComparison
-from monitor.service.bus.production import ProductionMotion
-from monitor.service.bus.publisher import Publisher
+from monitor.service.alert_changes import AlertChanges
+from monitor.service.computing import HERE, Compute
+from monitor.service.duty import Duty
+from monitor.service.handlers import Handlers
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
-from monitor.service.housekeeping.inspection import Duty
-from monitor.service.housekeeping.learning import ArmHeard, nothing_learnt, situation
-from monitor.service.monitor import Borrow, Monitor, Replay
-from monitor.service.processes.apart import HERE, Compute
-from monitor.service.production.production import ProductionListener
-from monitor.service.replay.replay_requests import ReplayRequests
-from monitor.service.shared_state import SharedState
+from monitor.service.learning import ArmHeard, nothing_learnt, situation
+from monitor.service.live import LiveComparison
+from monitor.service.production import ProductionListener
+from monitor.service.publisher import Publisher
+from monitor.service.replay import Borrow, Monitor, Replay
+from monitor.service.shared_state import ReplayRequests, SharedState
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -52,22 +50,18 @@ class Daemon:
         processes of their own.
         """
         self._store, self._now = store, now
-        self.requests = requests
-        self.state = SharedState(configuration, compute)
-        self.motion = ProductionMotion(configuration.assess.residual)
+        self.state = SharedState(configuration, store, now, requests, compute)
         self.bus = Bus(configuration.bus, configuration.key_prefix)
-        self.publisher = Publisher(self.bus, self.state, store, self.motion, now)
-        self.alerts = AlertChanges(self.state, store, self.publisher, now)
-        self.monitor = Monitor(self.state, store, self.publisher, self.motion, now=now, play=play, borrow=borrow, alive=alive)
-        self.live = LiveComparison(self.state, self.publisher, self.motion, requests, now)
+        self.publisher = Publisher(self.bus, self.state)
+        self.alerts = AlertChanges(self.state, self.publisher)
+        self.monitor = Monitor(self.state, self.publisher, play=play, borrow=borrow, alive=alive)
+        self.live = LiveComparison(self.state, self.publisher)
         self.listener = (
-            ProductionListener(self.state, store, self.publisher, now, requests, compute=compute_production)
-            if configuration.production.listen
-            else None
+            ProductionListener(self.state, self.publisher, compute=compute_production) if configuration.production.listen else None
         )
-        self.duty = Duty(self.state, store, self.publisher, now)
+        self.duty = Duty(self.state, self.publisher)
         self.heard = ArmHeard(store, now)
-        self.bus.answer(Handlers(self.state, store, self.alerts, requests).by_key())
+        self.bus.answer(Handlers(self.state, self.alerts).by_key())
 
     def __enter__(self) -> "Daemon":
         """Take up what the last run left: nothing is replayed, what was recorded is assessed, what is known is published."""
@@ -97,9 +91,9 @@ class Daemon:
 
     def _take_up(self) -> None:
         known = load_state(self._store)
-        self.state.take(known, self.state.sample_var(self._store, known))
+        self.state.take(known, self.state.sample_var(known))
         if self.state.estimator.belief is not None:
-            self.motion.continue_from(self.state.estimator.belief.usage)
+            self.state.production_motion.continue_from(self.state.estimator.belief.usage)
         restored = self._store.restored
         if restored is not None:
             log.error("%s", restored.text)

@@ -1,21 +1,54 @@
-"""The main thread's loop: live comparison, the arm's state for the scheduler, periodic documents, reload, watchdog."""
+"""The main thread: live comparison, the arm's state for the scheduler, periodic documents, reload, watchdog. I/O."""
 
+import logging
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from monitor.acquire.state import ROBOT_MODE_RUNNING
-from monitor.errors import StoreError
-from monitor.service.bus.live import ArmLink, LiveFeed
+from monitor.config.load import load
+from monitor.config.reload import reloaded
+from monitor.errors import BadConfiguration, StoreError
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping.inspection import ErrorLink
-from monitor.service.housekeeping.maintenance import Maintenance
+from monitor.service.duty import ErrorLink
+from monitor.service.housekeeping import Maintenance
+from monitor.service.live import ArmLink, LiveFeed
 from monitor.service.monitor_document import MonitorDocument, status_line
 from monitor.service.problems import Problems
-from monitor.service.reload import Reloader
+from monitor.service.replay import Monitor
 from monitor.service.scheduler import Scheduler
-from monitor.service.systemd import Heartbeats, Watchdog, notify
+from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
+
+log = logging.getLogger(__name__)
+
+
+class Reloader:
+    """Reloads the configuration on request, and keeps the outcome of the last reload for the monitor's document."""
+
+    def __init__(self, monitor: Monitor, scheduler: Scheduler) -> None:
+        self._monitor, self._scheduler = monitor, scheduler
+        self.outcome: dict[str, Any] | None = None  # of the last reload; None before the first
+
+    def reload(self) -> None:
+        """Read the file once more. A mistake in it is logged, and the settings in force stay."""
+        reloading()
+        try:
+            found = reloaded(self._monitor.configuration, load(self._monitor.configuration.path))
+        except BadConfiguration as error:
+            log.error("reload refused, the old configuration stays: %s", error)
+            self._keep(done=False, text=str(error))
+        else:
+            self._monitor.reconfigure(found.configuration)
+            self._scheduler.reconsider()
+            log.info("reloaded: %s", found.text)
+            self._keep(done=True, text=found.text, waiting=found.waiting, held=found.held)
+        notify("READY=1")
+
+    def _keep(self, *, done: bool, text: str, waiting: Sequence[str] = (), held: Sequence[str] = ()) -> None:
+        self.outcome = {"at_unix_s": time.time(), "done": done, "told": text, "waiting": list(waiting), "held": list(held)}
+
 
 WORKER_PATIENCE_S = 90.0  # a worker is late after this: an upload, a permit, an assessment on a busy machine take less
 MONITOR_PERIOD_S = 10.0  # between two documents `monitor`

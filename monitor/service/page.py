@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.service.processes.apart import HERE, Compute, ComputingFailed
+from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
 from monitor.views.web.about import about_arm

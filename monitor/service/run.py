@@ -18,24 +18,22 @@ from monitor.model.fourier import Excitation
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import Context, Recording
+from monitor.service.computing import HERE, Apart
 from monitor.service.daemon import Daemon
-from monitor.service.hand_over.borrowing import BorrowedWindow
-from monitor.service.hand_over.node_server import NodeServer
-from monitor.service.housekeeping.maintenance import Maintenance
-from monitor.service.housekeeping.preflight import misfit
-from monitor.service.housekeeping.uploads import Stopping, Uploads
-from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Workers
-from monitor.service.monitor import Replay
+from monitor.service.housekeeping import Maintenance
+from monitor.service.lending import BorrowedWindow
+from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
+from monitor.service.motion import move, permit_by, progress_log
+from monitor.service.node import NodeServer
 from monitor.service.page import page
+from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
-from monitor.service.processes.apart import HERE, Apart
-from monitor.service.reload import Reloader
-from monitor.service.replay.motion import move, permit_by
-from monitor.service.replay.progress_log import progress_log
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.replay import Replay
 from monitor.service.scheduler import Clocks, Scheduler
+from monitor.service.shared_state import ReplayRequests
 from monitor.service.systemd import Heartbeats, Watchdog, notify, reloading
+from monitor.service.uploads import Stopping, Uploads
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -103,7 +101,7 @@ def serve(
             )
         )
         if configuration.metrics.listen:
-            from monitor.publish.metrics.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
+            from monitor.publish.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
 
             stack.enter_context(MetricsServer(configuration.metrics, lambda: families(daemon.bus.last_values())))
         stack.enter_context(page(configuration, daemon.bus, store, clocks.now, HERE if trial else Apart()))

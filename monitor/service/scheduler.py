@@ -17,10 +17,10 @@ from monitor.acquire.schedule.windows import Triggers, Window, check_windows, re
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
-from monitor.service.hand_over.lending import Lender, Lending, serves
-from monitor.service.needed import not_needed
+from monitor.service.history.needed import not_needed
+from monitor.service.lending import Lender, Lending, serves
 from monitor.service.problems import Problems
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.shared_state import ReplayRequests
 from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 

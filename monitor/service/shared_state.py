@@ -1,8 +1,10 @@
-"""The state that the threads of one daemon share: settings in force, the estimator, the newest temperatures, and two locks."""
+"""The state that the threads of one daemon share: settings, estimator, newest temperatures, requests for a replay, and two locks."""
 
 import dataclasses
 import logging
+import queue
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 from monitor.config.schema import Configuration
@@ -10,13 +12,56 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Robot
-from monitor.publish.live_torque import LiveTorque, sample_var
+from monitor.publish.torque import LiveTorque, sample_var
 from monitor.recording import Array
-from monitor.service.hand_over.due import DueReplay
+from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.processes.apart import HERE, Compute, ComputingFailed
+from monitor.service.lending import DueReplay
+from monitor.service.production_motion import ProductionMotion
 from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
+
+
+class ReplayRequests:
+    """Requests for a replay, passed safely between threads. The daemon adds them, the scheduler takes them."""
+
+    def __init__(self) -> None:
+        self._requested: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._evidence: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self._awake = threading.Event()
+
+    def request(self, why: str = "asked for") -> None:
+        """Request one replay as soon as possible, whatever the schedule says."""
+        self._requested.put(why)
+        self.wake()
+
+    def evidence(self, unix_s: float) -> None:
+        """Production work at this time indicates more friction: the next replay may be moved forward within what the site allows."""
+        self._evidence.put(unix_s)
+
+    def take_request(self) -> bool:
+        """Whether a replay was requested since the last call; several requests become one replay."""
+        found = not self._requested.empty()
+        while not self._requested.empty():
+            self._requested.get()
+        return found
+
+    def take_evidence(self) -> float | None:
+        """The time of the newest evidence since the last call; None where there is none."""
+        newest = None
+        while not self._evidence.empty():
+            newest = self._evidence.get()
+        return newest
+
+    def wake(self) -> None:
+        """End the scheduler's present wait."""
+        self._awake.set()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until `wake`, at most so long."""
+        self._awake.wait(timeout_s)
+        self._awake.clear()
+
 
 log = logging.getLogger(__name__)
 
@@ -28,9 +73,16 @@ class SharedState:
     by an assessment or by what a person does to an alert.
     """
 
-    def __init__(self, configuration: Configuration, compute: Compute = HERE) -> None:
-        """`compute`: how verdicts and what else is heavy are computed."""
-        self.configuration, self.compute = configuration, compute
+    def __init__(
+        self,
+        configuration: Configuration,
+        store: Store,
+        now: Callable[[], float],
+        requests: ReplayRequests | None = None,
+        compute: Compute = HERE,
+    ) -> None:
+        """Now : UTC, seconds since 1970. requests : None where no scheduler serves them. compute : how what is heavy is computed."""
+        self.configuration, self.store, self.now, self.requests, self.compute = configuration, store, now, requests, compute
         self.robot = configuration.robot_description  # a change of it needs a restart
         self.estimator = EstimatorState()
         self.live_torque: LiveTorque | None = None
@@ -38,6 +90,7 @@ class SharedState:
         self.next_due_unix_s: float | None = None
         self.due: DueReplay | None = None  # what waits for the node of the program that lends the arm
         self.nothing_learnt: str | None = None  # for how long, where that is too long
+        self.production_motion = ProductionMotion(configuration.assess.residual)  # since the last replay
         self.stopping = threading.Event()
         self.replaying = threading.Lock()
         self.revising = threading.Lock()
@@ -74,6 +127,7 @@ class SharedState:
     def use(self, configuration: Configuration) -> None:
         """Take other settings from now on."""
         self.configuration = configuration
+        self.production_motion.use(configuration.assess.residual)
 
     def take_temperature(self, temperature_c: Array) -> None:
         """Take the joints' newest temperatures (J,) [°C]."""
@@ -92,14 +146,14 @@ class SharedState:
         if self.torque_model is not None:
             self.live_torque = LiveTorque(self.torque_model, self.robot, self.configuration.gains_nm_per_a, more_var)
 
-    def sample_var(self, store: Store, estimator: EstimatorState) -> Array | None:
+    def sample_var(self, estimator: EstimatorState) -> Array | None:
         """What the last assessed replay says of the noise of samples; None where the model says it, or the recording is gone."""
         model, gains = estimator.model, self.configuration.gains_nm_per_a
-        assessed = [] if model is None or model.measured_rms_nm is not None else store.ledger.rows(states=("assessed",), limit=1)
+        assessed = [] if model is None or model.measured_rms_nm is not None else self.store.ledger.rows(states=("assessed",), limit=1)
         if model is None or not assessed:
             return None
         try:
-            return self.compute(_sample_var_of, store.recordings.path(assessed[0].id), model, self.robot, gains)
+            return self.compute(_sample_var_of, self.store.recordings.path(assessed[0].id), model, self.robot, gains)
         except (BadInput, ComputingFailed) as error:
             log.warning("live torque: its noise is not known until the next replay: %s", error)
             return None

@@ -12,7 +12,7 @@ from monitor.acquire.watch import Caller
 from monitor.config.load import load
 from monitor.errors import ReplayAborted
 from monitor.model.fourier import Excitation
-from monitor.service.replay.motion import move
+from monitor.service.motion import move
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 

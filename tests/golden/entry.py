@@ -21,19 +21,17 @@ from monitor.judge.alerts.documents import alert_document
 from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
-from monitor.publish.metrics.metrics import MetricsServer, families
+from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
 from monitor.recording import Recording
-from monitor.service.bus.handlers import Handlers
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping.maintenance import Maintenance
-from monitor.service.main_loop import Workers, monitor_document
+from monitor.service.housekeeping import Maintenance
+from monitor.service.main_loop import Reloader, Workers, monitor_document
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.page import page
 from monitor.service.problems import Problems
-from monitor.service.reload import Reloader
-from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
+from monitor.service.shared_state import ReplayRequests
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.launch import settings_from
@@ -209,8 +207,7 @@ class Running:
     def schedules(self) -> None:
         """From now on a scheduler serves what is requested, and what production gives reason for."""
         daemon = self.daemon
-        daemon.bus.answer(Handlers(daemon.state, self.store, daemon.alerts, self.requests).by_key())
-        daemon.live._requests = self.requests
+        daemon.state.requests = self.requests
 
     def observe_production(self, recording: Recording, row: int, heavier: Sequence[float]) -> None:
         """One sample of the arm at work: that of a recording, with so many times the current."""

@@ -10,7 +10,7 @@ import pytest
 from monitor.judge.drift.usage import no_usage
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import ProductionSample, ResidualSettings, earlier_replay_reason, production_evidence, update
-from monitor.service.bus.production import ProductionMotion, Sample
+from monitor.service.production_motion import ProductionMotion, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)
 J = 6

@@ -24,7 +24,7 @@ from monitor.plant.status import as_lines, plant_status
 from monitor.plant.tables import arm as arm_table
 from monitor.plant.tables import audit, friction
 from monitor.plant.tables import history as history_table
-from monitor.service.bus.handlers import Handlers
+from monitor.service.handlers import Handlers
 from monitor.store.store import Store
 
 DAY = 86_400.0
@@ -37,7 +37,7 @@ ROW = {
 
 
 def way(store: Store) -> Way:
-    handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2)), store, None, None)
+    handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2), store=store), None)
     return Way({"history": handlers.history, "event": handlers.events})
 
 

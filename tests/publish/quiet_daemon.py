@@ -9,7 +9,7 @@ from pathlib import Path
 
 from monitor.config.load import from_document
 from monitor.service.daemon import Daemon
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.shared_state import ReplayRequests
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

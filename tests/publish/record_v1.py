@@ -18,13 +18,12 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping.maintenance import Maintenance
-from monitor.service.main_loop import Workers, monitor_document
+from monitor.service.housekeeping import Maintenance
+from monitor.service.main_loop import Reloader, Workers, monitor_document
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
-from monitor.service.reload import Reloader
-from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Scheduler
+from monitor.service.shared_state import ReplayRequests
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings

@@ -15,7 +15,7 @@ from monitor.errors import BadInput
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.model.robot import Mounting, load_robot
-from monitor.publish.torque_query import torque_answer
+from monitor.publish.torque import torque_answer
 from monitor.recording import Recording
 
 UR5 = load_robot("ur5")

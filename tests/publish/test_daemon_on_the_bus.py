@@ -24,16 +24,14 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.client import Client
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
-from monitor.service.bus.handlers import Handlers
-from monitor.service.bus.info import digest
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping.maintenance import Maintenance
-from monitor.service.main_loop import MainLoop, Workers
+from monitor.service.housekeeping import Maintenance
+from monitor.service.main_loop import MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
-from monitor.service.reload import Reloader
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.publisher import digest
 from monitor.service.scheduler import Scheduler
+from monitor.service.shared_state import ReplayRequests
 from monitor.service.systemd import Heartbeats
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -213,7 +211,7 @@ def test_a_wildcard_never_acknowledges_anything_nor_moves_an_arm(cell, selector)
             assert not any(message.key.startswith("cmd") for message in client.get(selector, payload))
         assert client.alerts()[0].acknowledged_at is None
     assert store.events.range() == before
-    assert not daemon.requests.take_request()
+    assert not daemon.state.requests.take_request()
 
 
 @pytest.mark.parametrize(
@@ -263,14 +261,14 @@ def test_history_comes_in_pages_of_whole_replays(cell):
 
 def test_a_replay_is_requested_by_name_and_refused_with_a_reason(cell):
     """It is accepted with a scheduler, and refused during a replay and where motion is not allowed."""
-    daemon, store, _, endpoint = cell
+    daemon, _, _, endpoint = cell
     with Client(endpoint, "lab", "cell-1") as client:
-        daemon.bus.answer(Handlers(daemon.state, store, daemon.alerts, None).by_key())
+        scheduled, daemon.state.requests = daemon.state.requests, None
         with pytest.raises(BadInput, match="schedules no replays"):
             client.request_replay(by="ada")
-        daemon.bus.answer(Handlers(daemon.state, store, daemon.alerts, daemon.requests).by_key())
+        daemon.state.requests = scheduled
         assert client.request_replay(by="ada", why="new tool") == "accepted"
-        assert daemon.requests.take_request()
+        assert daemon.state.requests.take_request()
         with daemon.state.replaying, pytest.raises(BadInput, match="a replay is under way"):
             client.request_replay(by="ada")
         daemon.state.configuration = replace(
@@ -368,7 +366,7 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
     state = SimpleNamespace(robot_mode=7, **{name: getattr(row, name)[0] for name in names})
     problems = Problems(time.time)
     maintenance = Maintenance(store, lambda: configuration.store, problems, time.time)
-    scheduler = Scheduler(daemon.monitor, store, problems, daemon.requests)
+    scheduler = Scheduler(daemon.monitor, store, problems, daemon.state.requests)
     workers = Workers(
         scheduler=scheduler,
         maintenance=maintenance,
@@ -412,7 +410,7 @@ def test_a_wildcard_anywhere_in_the_key_never_acts(cell):
                 replies = list(session.get(key, payload=None if payload is None else json.dumps(payload), timeout=5.0))
                 assert all(reply.ok and "/cmd/" not in str(reply.ok.key_expr) for reply in replies)
     assert store.events.range() == before
-    assert not daemon.requests.take_request()
+    assert not daemon.state.requests.take_request()
 
 
 def test_a_watcher_of_event_alone_gets_transitions_and_nothing_else(cell):
@@ -437,7 +435,7 @@ def _document(daemon: Daemon, joint: int) -> dict:
 
 def test_a_week_without_replays_makes_the_state_stale_until_the_next_one(cell):
     """Arm and joints are stale on the bus, in the lines of `watch` and of systemd, and in metrics. The state itself stays."""
-    from monitor.publish.metrics.metrics import families
+    from monitor.publish.metrics import families
     from monitor.views.terminal.watch import line
 
     daemon, _, arm, endpoint = cell
@@ -476,7 +474,7 @@ def test_the_production_residual_is_published_with_health(cell, monkeypatch: pyt
     one = np.array([1.0, 0, 0, 0, 0, 0])
     residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
     settings = daemon.state.configuration.assess.residual
-    monkeypatch.setattr(daemon.motion, "evidence", lambda: production_evidence(residuals, settings))
+    monkeypatch.setattr(daemon.state.production_motion, "evidence", lambda: production_evidence(residuals, settings))
     daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production

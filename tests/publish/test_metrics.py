@@ -21,8 +21,8 @@ from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING, enter, keep_last_values, set_note
 from monitor.plant.metrics import plant_families
 from monitor.plant.tables import arm, last_value
-from monitor.publish.metrics.metrics import MetricsServer, families
-from monitor.publish.metrics.settings import MetricsSettings
+from monitor.publish.metrics import MetricsServer, families
+from monitor.publish.session import MetricsSettings
 
 pytestmark = pytest.mark.xdist_group("prometheus")  # one server for all of them
 

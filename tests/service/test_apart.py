@@ -20,12 +20,12 @@ from monitor.config.load import load
 from monitor.errors import BadInput, StoreUnavailable
 from monitor.judge.document import plain
 from monitor.recording import Recording
-from monitor.service import monitor as replay_cycle
+from monitor.service import replay as replay_cycle
+from monitor.service.computing import HERE, Apart, Compute, ComputingFailed
 from monitor.service.daemon import Daemon
 from monitor.service.history.assess_and_store import EstimatorState, Verdict, inputs_of, keep_and_judge
+from monitor.service.motion import written_apart
 from monitor.service.page import answered
-from monitor.service.processes.apart import HERE, Apart, Compute, ComputingFailed
-from monitor.service.processes.written import written_apart
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

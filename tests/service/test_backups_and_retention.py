@@ -20,10 +20,10 @@ from monitor.errors import StoreError
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, assess_stored, load_state, state_after
 from monitor.service.history.recompute import recompute
-from monitor.service.housekeeping.preflight import service_conditions
-from monitor.service.housekeeping.uploads import Uploads
+from monitor.service.motion import check_conditions
+from monitor.service.preflight import service_conditions
 from monitor.service.problems import Problems
-from monitor.service.replay.motion import check_conditions
+from monitor.service.uploads import Uploads
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

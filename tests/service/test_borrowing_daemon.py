@@ -12,7 +12,7 @@ from test_daemon import Cell, eventually, stop
 
 from monitor.acquire.ur.node_server import REQUEST
 from monitor.publish.client import Client
-from monitor.service.hand_over.node_text import number_of
+from monitor.service.node import number_of
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 

@@ -7,7 +7,7 @@ from command_line import program
 from lived_monitor import identified, live_through
 
 from monitor.config.load import load
-from monitor.service.housekeeping.preflight import service_conditions
+from monitor.service.preflight import service_conditions
 from monitor.store.store import Store
 
 CONFIG = """

@@ -12,10 +12,10 @@ from test_backups_and_retention import HISTORY, configuration, torn
 from test_store import DAY, commit, replayed
 
 from monitor.errors import StoreUnavailable
-from monitor.publish.metrics.metrics import families
+from monitor.publish.metrics import families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside
-from monitor.service.housekeeping.maintenance import Maintenance
+from monitor.service.housekeeping import Maintenance
 from monitor.service.monitor_document import MonitorDocument, not_watched, read_monitor_document, silent_s
 from monitor.service.problems import Problems
 from monitor.store.backup import backups

@@ -22,13 +22,13 @@ from monitor.cli.main import app
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.inspection import PLANS, Done, InspectionItem, InspectionSettings, due
-from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
-from monitor.publish.metrics.metrics import Families, families
+from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
+from monitor.publish.metrics import Families, families
 from monitor.publish.registry import schema
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
+from monitor.service.duty import Duty
 from monitor.service.history.inspection import declare, inspection_document
-from monitor.service.housekeeping.inspection import Duty
 from monitor.service.shared_state import SharedState
 from monitor.simulate.controller.journal import SafetyMessage
 from monitor.simulate.controller.modes import SafetyMode
@@ -69,11 +69,11 @@ class Watched:
 
     def __init__(self, folder: Path, store: Store, **settings: object) -> None:
         self.configuration, self.store, self.said, self.clock = configuration(folder, **settings), store, Said(), NOW
-        self.state = SharedState(self.configuration)
+        self.state = SharedState(self.configuration, self.store, lambda: self.clock)
         self.duty = self.started()
 
     def started(self) -> Duty:
-        return Duty(self.state, self.store, self.said, lambda: self.clock)  # type: ignore[arg-type]
+        return Duty(self.state, self.said)  # type: ignore[arg-type]
 
     def hear(self, *states: LiveState) -> None:
         self.duty.take(states)

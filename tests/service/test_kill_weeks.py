@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from monitor.config.load import from_document
 from monitor.acquire.schedule.needed import Told, need
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.shared_state import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler
 from monitor.store.store import Store
 from monitor.service.problems import Problems

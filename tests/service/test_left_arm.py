@@ -18,8 +18,8 @@ from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted
-from monitor.service.replay.left_arm import MOST_FAILED, away
-from monitor.service.replay.motion import check_conditions, move
+from monitor.service.left_arm import MOST_FAILED, away
+from monitor.service.motion import check_conditions, move
 from monitor.store.store import Store
 
 FAR = short(period_s=6.0, amplitude_rad=1.2)  # its first joint leaves the start by more than `max_approach_rad` of the configuration below

@@ -13,15 +13,14 @@ from monitor.acquire.schedule.needed import Told
 from monitor.errors import MonitorError, MotionRefused
 from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
-from monitor.publish.metrics.metrics import families
+from monitor.publish.metrics import families
 from monitor.publish.timestamps import outside
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
-from monitor.service.hand_over.borrowing import BorrowedWindow
-from monitor.service.hand_over.due import DueReplay
+from monitor.service.lending import BorrowedWindow, DueReplay
 from monitor.service.monitor_document import borrowed_document, status_line
 from monitor.service.problems import Problems
-from monitor.service.replay.replay_requests import ReplayRequests
+from monitor.service.shared_state import ReplayRequests
 from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 from monitor.views.terminal.arm import borrowed_text

@@ -19,7 +19,7 @@ from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, StoreError, StoreUnavailable
-from monitor.service.replay.motion import check_conditions, move
+from monitor.service.motion import check_conditions, move
 from monitor.store.store import Store
 
 PLAY = [phase("control"), phase("play"), row(1), row(2)]

@@ -15,7 +15,7 @@ from monitor.service.daemon import Daemon
 from monitor.service.history.assess_and_store import load_state
 from monitor.service.history.recompute import recompute
 from monitor.service.history.status import status_document
-from monitor.service.housekeeping.learning import ArmHeard, late_at
+from monitor.service.learning import ArmHeard, late_at
 from monitor.store.store import Store
 
 NOON = 1.0e9  # 2001-09-09T01:46:40Z, as `lived` has it
@@ -138,7 +138,7 @@ def test_a_stop_is_an_alert_at_once_and_allowing_motion_clears_it_with_name_and_
 
 
 def _times(cell: Cell) -> dict:
-    from monitor.service.bus.publisher import event_document
+    from monitor.service.publisher import event_document
 
     return event_document(cell.store.events.rows()[-1])
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from monitor.config.load import from_document
-from monitor.service.housekeeping import preflight
+from monitor.service import preflight
 
 
 def socket_lock(folder: Path, *, allow_motion: bool):

@@ -21,22 +21,20 @@ from monitor.acquire.rows import COLUMN, WIDTH, columns
 from monitor.identify.production.rows import rows_of_columns
 from monitor.judge.alerts.documents import health_from_document
 from monitor.judge.belief import belief_from_document
-from monitor.publish.metrics.metrics import families
+from monitor.publish.metrics import families
 from monitor.publish.registry import KINDS
 from monitor.publish.timestamps import outside
 from monitor.recording import DAY_S, Array, Recording
+from monitor.service import production
+from monitor.service.computing import HERE, Apart, Compute, ComputingFailed
 from monitor.service.history import status
 from monitor.service.history.assess_and_store import load_state
-from monitor.service.history.from_production import from_production_document
+from monitor.service.history.needed import from_production_document, need_document, needed
 from monitor.service.history.recompute import recompute, roll_back
 from monitor.service.history.report import report as report_document
 from monitor.service.history.status import schedule_document, status_document
-from monitor.service.needed import need_document, needed
-from monitor.service.processes.apart import HERE, Apart, Compute, ComputingFailed
-from monitor.service.production import production, production_computing
-from monitor.service.production.production import ProductionListener
-from monitor.service.replay.replay_requests import ReplayRequests
-from monitor.service.shared_state import SharedState
+from monitor.service.production import ProductionListener
+from monitor.service.shared_state import ReplayRequests, SharedState
 from monitor.store.formats.recordings import read_recording
 from monitor.store.history.database import packed
 from monitor.store.history.production import DayOfProduction
@@ -100,12 +98,12 @@ class Plant:
         self.configuration = configuration(folder, production={"listen": True}, schedule={"replay": "when_needed", "learning_days": 0.0})
         self.store, self.motions, self.said = store, motions, Said()
         self.clock, self.robot_s = FIRST_DAY * DAY_S + 1000.0, 0.0
-        self.state = SharedState(self.configuration)
+        self.state = SharedState(self.configuration, self.store, lambda: self.clock, ReplayRequests())
         self.state.take(load_state(store), None)
         self.production = self.started()
 
     def started(self, compute: Compute = HERE) -> ProductionListener:
-        return ProductionListener(self.state, self.store, self.said, lambda: self.clock, ReplayRequests(), compute=compute)  # type: ignore[arg-type]
+        return ProductionListener(self.state, self.said, compute=compute)  # type: ignore[arg-type]
 
     def shift(self, cycles: int) -> None:
         """So many excitations as work, one after the other."""
@@ -246,18 +244,19 @@ def test_what_a_day_of_production_makes_likely_pulls_a_replay_forward_where_moti
     plant: Plant, monkeypatch, found, replayed_days_ago, allow_motion, pulled_forward
 ):
     sections = {"production": {"listen": True}, "schedule": {"replay": "when_needed"}, "replay": {"allow_motion": allow_motion}}
-    plant.state = SharedState(configuration(Path(plant.configuration.store.directory), **sections))
-    plant.state.take(load_state(plant.store), None)
     requests = ReplayRequests()
+    settings = configuration(Path(plant.configuration.store.directory), **sections)
+    plant.state = SharedState(settings, plant.store, lambda: plant.clock, requests)
+    plant.state.take(load_state(plant.store), None)
 
     def told(function, *arguments):
         result = function(*arguments)
-        if function is not production_computing.production_verdict:
+        if function is not production.production_verdict:
             return result
         observation, verdict = result
         return observation, replace(verdict, **{"asks": (), "suspects": ()} | found)
 
-    plant.production = ProductionListener(plant.state, plant.store, plant.said, lambda: plant.clock, requests, compute=told)  # type: ignore[arg-type]
+    plant.production = ProductionListener(plant.state, plant.said, compute=told)  # type: ignore[arg-type]
     plant.shift(3)
     monkeypatch.setattr(type(plant.store.ledger), "learnt_at_unix_s", lambda _: plant.clock - replayed_days_ago * DAY_S)
     plant.midnight()
@@ -398,7 +397,7 @@ def test_a_replay_is_no_production_and_a_day_without_production_is_no_observatio
 def test_production_with_a_payload_that_no_replay_had_waits_for_a_replay(plant: Plant, monkeypatch):
     """The frozen model is of another payload: what the arm carries now would count as friction. That replay is read once for it."""
     read = []
-    monkeypatch.setattr(production_computing, "read_recording", lambda path: read.append(path) or read_recording(path))
+    monkeypatch.setattr(production, "read_recording", lambda path: read.append(path) or read_recording(path))
     robot = replace(plant.configuration.robot, payload_kg=2.0)
     plant.state.use(replace(plant.configuration, robot=robot))
     plant.shift(2)

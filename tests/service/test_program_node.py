@@ -20,9 +20,19 @@ from monitor.acquire.ur.node_script import BEAT, DUE, IDLE, OFFER, OFFERED, STAT
 from monitor.acquire.ur.rtde import PORT as RTDE_PORT
 from monitor.config.load import load
 from monitor.errors import BadInput, RobotUnreachable
-from monitor.service.hand_over.node_check import node_conditions, own_address
-from monitor.service.hand_over.node_server import NO_TEXT, PROBLEM, NodeServer
-from monitor.service.hand_over.node_text import NodeText, keep, kept, node_text, number_of, version_of
+from monitor.service.node import (
+    NO_TEXT,
+    PROBLEM,
+    NodeServer,
+    NodeText,
+    keep,
+    kept,
+    node_conditions,
+    node_text,
+    number_of,
+    own_address,
+    version_of,
+)
 from monitor.service.problems import Problems
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.program_tree import load_tree

@@ -17,8 +17,7 @@ from test_archive import configuration, drained, rejected, uploads_of
 from test_store import DAY, commit, replayed
 
 from monitor.errors import BadInput, StoreError
-from monitor.service.history.query import ask, plain, unique
-from monitor.service.history.query_tables import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, sources_at
+from monitor.service.history.query import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, ask, plain, sources_at, unique
 from monitor.store.store import Store
 
 duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: pip install 'joint-monitor[archive]'")

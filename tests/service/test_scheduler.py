@@ -17,8 +17,8 @@ from monitor.recording import Recording
 from monitor.service.history.assess_and_store import EstimatorState, load_state
 from monitor.service.history.recompute import roll_back
 from monitor.service.problems import Problems
-from monitor.service.replay.replay_requests import ReplayRequests
 from monitor.service.scheduler import Clocks, Scheduler, too_little_room
+from monitor.service.shared_state import ReplayRequests
 from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 

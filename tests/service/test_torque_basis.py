@@ -11,7 +11,7 @@ from monitor.config.load import load
 from monitor.judge.assess import assess
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording
-from monitor.service.replay.torque_basis import torque_basis
+from monitor.service.torque_basis import torque_basis
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -105,7 +105,7 @@ def test_a_payload_that_is_not_configured_goes_with_the_model(configuration, see
 
 def test_long_recordings_do_not_delay_the_motion(configuration, seen, monkeypatch):
     """The newest recording counts in any case, earlier ones while there are few rows."""
-    monkeypatch.setattr("monitor.service.replay.torque_basis.PROFILE_ROWS", 2000)
+    monkeypatch.setattr("monitor.service.torque_basis.PROFILE_ROWS", 2000)
     with Store.open(configuration.state_directory) as store:
         for day, each in enumerate(seen, start=1):
             stored(store, *each, day)

@@ -19,13 +19,13 @@ from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, 
 from monitor.publish.documents import Monitor
 from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
-from monitor.service.housekeeping import uploads as uploads_module
-from monitor.service.housekeeping.maintenance import Maintenance
-from monitor.service.housekeeping.preflight import service_conditions
-from monitor.service.housekeeping.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
+from monitor.service import uploads as uploads_module
+from monitor.service.computing import Apart
+from monitor.service.housekeeping import Maintenance
 from monitor.service.monitor_document import MonitorDocument
+from monitor.service.preflight import service_conditions
 from monitor.service.problems import Problems
-from monitor.service.processes.apart import Apart
+from monitor.service.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
 from monitor.store.archive.archive import Archive, RecordingCache, key_of, split_address
 from monitor.store.archive.settings import ArchiveSettings
 from monitor.store.formats.recordings import read_recording, write_recording

@@ -8,9 +8,9 @@ import pytest
 from test_archive import DAY, NOW, configuration, drained, listed, recording, rejected, uploads_of
 
 from monitor.errors import ArchiveConflict
-from monitor.service.housekeeping import uploads as uploads_module
-from monitor.service.housekeeping.uploads import PROBLEM, Uploads
+from monitor.service import uploads as uploads_module
 from monitor.service.problems import Problems
+from monitor.service.uploads import PROBLEM, Uploads
 from monitor.store.archive.archive import Archive, key_of
 from monitor.store.backup import HISTORY, back_up
 from monitor.store.formats.recordings import read_recording, write_recording

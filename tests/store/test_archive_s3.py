@@ -17,8 +17,8 @@ from s3_server import KEYS, Passage, S3Server, refusing_server, s3_server
 from test_archive import NOW, configuration, drained, listed, rejected, uploads_of
 
 from monitor.errors import ArchiveRefused, ArchiveUnavailable
-from monitor.service.housekeeping.preflight import service_conditions
-from monitor.service.housekeeping.uploads import IDLE_S, PROBLEM
+from monitor.service.preflight import service_conditions
+from monitor.service.uploads import IDLE_S, PROBLEM
 from monitor.store.archive import places as archive_places
 from monitor.store.archive.archive import Archive, key_of
 from monitor.store.archive.settings import ArchiveSettings

@@ -8,7 +8,7 @@ from test_store import DAY, commit, replayed
 
 from monitor.errors import BadInput
 from monitor.publish.documents import Events
-from monitor.service.bus.handlers import Handlers
+from monitor.service.handlers import Handlers
 from monitor.store.store import Store
 
 ALERT = {
@@ -18,7 +18,7 @@ ALERT = {
 
 
 def handlers(store: Store) -> Handlers:
-    return Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2)), store, None, None)
+    return Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2), store=store), None)
 
 
 def copied(store: Store, after: int = 0, limit: int = 2) -> tuple[list[tuple[int, int]], int]:

@@ -16,7 +16,7 @@ from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
 from monitor.publish.timestamps import outside
 from monitor.reason import joint_name
-from monitor.service.hand_over.due import DueReplay
+from monitor.service.lending import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 

@@ -18,7 +18,7 @@ def script_node(
     as_json: JsonOption = False,
 ) -> None:
     """Write the text with which a Script node of your program lends the arm; it is made for the controller that answers now."""
-    from monitor.service.hand_over.node_text import keep, node_text
+    from monitor.service.node import keep, node_text
 
     configuration = load_configuration(config)
     if output.suffix != SUFFIX:

@@ -21,7 +21,7 @@ def inspected(
     as_json: JsonOption = False,
 ) -> None:
     """Say that a check of [inspection] was made: its next due date counts from then. Works without the daemon."""
-    from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
+    from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
     from monitor.service.history.inspection import offline
 
     check_words(by, why, at, undo=undo)

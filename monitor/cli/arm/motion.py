@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from monitor.acquire.watch import ReplayProgress
     from monitor.config.schema import Configuration
     from monitor.recording import Recording
-    from monitor.service.replay.motion import AskAnswer
+    from monitor.service.motion import AskAnswer
 
 EXIT_NOT_NOW = 3  # of `check`: the arm may not move now
 # each of them stops a moving arm before the command ends; SIGHUP comes when the terminal is closed
@@ -38,8 +38,8 @@ STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     """May the service run, and the arm move, now? Every condition by name; nothing is moved. Exit 3: something speaks against it."""
     from monitor.acquire.safety.inputs import ConditionResult
-    from monitor.service.housekeeping.preflight import service_conditions
-    from monitor.service.replay.motion import check_conditions
+    from monitor.service.motion import check_conditions
+    from monitor.service.preflight import service_conditions
 
     configuration = load_configuration(config)
     service = service_conditions(configuration)
@@ -72,7 +72,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
 def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOption = False, as_json: JsonOption = False) -> None:
     """Move the arm once along the configured excitation, guarded, slowly first after a change, and save the recording."""
     from monitor.acquire.watch import Caller
-    from monitor.service.replay.motion import move, permit_by
+    from monitor.service.motion import move, permit_by
     from monitor.store.formats.recordings import write_recording
     from monitor.store.store import Store
     from monitor.views.terminal.progress import progress
@@ -167,7 +167,7 @@ def allow(
 ) -> None:
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
-    from monitor.service.replay.left_arm import let_back
+    from monitor.service.left_arm import let_back
     from monitor.store.history.motions import WAY_BACK
     from monitor.store.store import Store
 

@@ -9,8 +9,7 @@ from monitor.cli.options import CONFIG_HELP, CONFIG_VARIABLE, Commands, JsonOpti
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
-    from monitor.service.history.query import Answer
-    from monitor.service.history.query_tables import Source
+    from monitor.service.history.query import Answer, Source
 
 HISTORY_HELP = "An arm's history, a folder of many, or a plant's database; may be given again."
 ARCHIVE_HELP = "s3://BUCKET/PREFIX or a folder: its recordings, without their histories."
@@ -53,7 +52,7 @@ def query(
 
 def _sources(config: list[Path], history: list[Path], archive: str | None, endpoint: str | None) -> "list[Source]":
     """What is asked, each once. Raises BadInput where nothing is named."""
-    from monitor.service.history.query_tables import ArchiveSource, ArmSource, sources_at
+    from monitor.service.history.query import ArchiveSource, ArmSource, sources_at
     from monitor.store.archive.settings import ArchiveSettings
 
     found: dict[object, Source] = {}

@@ -15,7 +15,7 @@ SERVICE_USER = "joint-monitor"  # made by deploy/joint-monitor.sysusers
 
 def check_and_next(path: Path, answers: "Answers", *, reached: bool) -> None:
     """Run the conditions of `check`, print those that do not hold, and the one command that is next."""
-    from monitor.service.replay.motion import check_conditions
+    from monitor.service.motion import check_conditions
     from monitor.views.terminal.progress import status
 
     configuration = load_configuration(path)

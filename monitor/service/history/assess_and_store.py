@@ -22,9 +22,9 @@ from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
-from monitor.publish.live_torque import sample_var
+from monitor.publish.torque import sample_var
 from monitor.recording import Array, Recording
-from monitor.service.processes.apart import HERE, Compute
+from monitor.service.computing import HERE, Compute
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.history.events import AlertEvent
 from monitor.store.provenance import provenance

@@ -9,12 +9,28 @@ from typing import Any
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.inspection import PLANS, Done, InspectionItem, InspectionSettings, check_named, due
-from monitor.publish.inspection_documents import InspectedRequest, UndoInspectedRequest
+from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
 from monitor.publish.timestamps import outside, rfc3339, unix_s
 from monitor.recording import DAY_S
-from monitor.service.history.declared_time import declared_time
 from monitor.store.history.duties import DutyDay, InspectionRow, SafetyStop
 from monitor.store.store import Store
+
+CLOCK_S = 300.0  # [s] a person's clock may be ahead of ours by so much
+
+
+def declared_time(text: str, now_unix_s: float, instead: str) -> float:
+    """The time [Unix s] that a person names of something done, now where that person's clock is a little ahead.
+
+    Raises BadInput where it is none, or yet to come; `instead` says what to do then.
+    """
+    try:
+        at = unix_s(text)
+    except ValueError:
+        raise BadInput(f"at {text!r}: not a date or time; expected e.g. 2026-01-31 or 2026-01-31T14:00:00Z") from None
+    if at > now_unix_s + CLOCK_S:
+        raise BadInput(f"at {text!r}: that is yet to come; {instead}")
+    return min(at, now_unix_s)
+
 
 Request = InspectedRequest | UndoInspectedRequest
 PACE_DAYS = 28  # the usual operating hours a day are of so many days

@@ -20,10 +20,10 @@ from monitor.publish.documents import ServicedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.reason import joint_text
 from monitor.recording import DAY_S
+from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
-from monitor.service.history.declared_time import declared_time
+from monitor.service.history.inspection import declared_time
 from monitor.service.history.recompute import repeated_since
-from monitor.service.processes.apart import HERE, Compute
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.maintenance import MaintenanceRow
 from monitor.store.store import Store

@@ -1,26 +1,245 @@
-"""Questions in SQL over histories and recordings: DuckDB asks tables that were read before, and can neither write nor reach a file."""
+"""Questions in SQL over histories and recordings: DuckDB asks tables that were read before, and can neither write nor reach a file.
+
+The tables are of one arm's history, of a plant's embedded database, of an archive. Each is read in one moment of its history and let go of
+before the question is asked: a daemon that writes is never held up.
+"""
 
 import decimal
 import math
 import os
 import re
+import sqlite3
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from datetime import date, datetime, time, timedelta
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from monitor.errors import BadInput
-from monitor.service.history.query_tables import FLAG, NUMBER, TABLES, TEXT, TIME, WHOLE, Source
+from monitor.errors import BadInput, StoreError
+from monitor.store.archive.archive import Archive, ArchivedRecording, RecordingCache, split_address
+from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.backup import HISTORY, connected
+from monitor.store.store import Store
 
 if TYPE_CHECKING:
     import duckdb
+
+TEXT, WHOLE, NUMBER, TIME, FLAG = "VARCHAR", "BIGINT", "DOUBLE", "TIMESTAMP", "BOOLEAN"
+_ARM = {"site": TEXT, "robot": TEXT, "history": WHOLE}
+LIFE = {"trend_probability": NUMBER, "p10_days": NUMBER, "p50_days": NUMBER, "p90_days": NUMBER}  # of its remaining_life
+FIGURES = (  # of the document `friction`, by their published names
+    "coulomb_nm", "coulomb_std_nm", "viscous_nm_s_per_rad", "viscous_std_nm_s_per_rad", "temperature_c", "reference_speed_rad_s",
+    "reference_temperature_c", "reference_torque_nm", "reference_torque_std_nm", "wear", "wear_std", "wear_rate_per_day",
+    "wear_rate_std_per_day", "revolutions", "replay_torque_nm", "replay_torque_std_nm",
+)  # fmt: skip
+TABLES: dict[str, dict[str, str]] = {  # column → DuckDB's type; times are UTC
+    "friction": {**_ARM, "replay": WHOLE, "joint": WHOLE, "recorded_at": TIME, **dict.fromkeys(FIGURES, NUMBER), **LIFE},
+    "events": {
+        **_ARM, "seq": WHOLE, "happened_at": TIME, "replay": WHOLE, "kind": TEXT, "joint": WHOLE, "condition": TEXT, "tier": TEXT,
+        "text": TEXT, "said_by": TEXT, "why": TEXT, "document": "JSON",
+    },
+    "ledger": {
+        **_ARM, "replay": WHOLE, "window_at": TIME, "kind": TEXT, "state": TEXT, "reason": TEXT, "started_at": TIME, "ended_at": TIME,
+    },
+    "recordings": {
+        **_ARM, "replay": WHOLE, "recorded_at": TIME, "year": WHOLE, "state": TEXT, "file": TEXT, "is_here": FLAG, "address": TEXT,
+        "sha256": TEXT, "bytes": WHOLE, "verified_at": TIME,
+    },
+}  # fmt: skip
+OWN = 0  # the number of a history that its own arm has; a plant counts those of an arm from 1
+BATCH = 20_000  # rows that are handed over together
+Rows = Iterator[Sequence[Any]]  # in the order of the table's columns; a time is a number of seconds since 1970
+Batches = Iterator[tuple[str, list[Sequence[Any]]]]  # rows that were read, each with its table
+
+
+@dataclass(frozen=True, slots=True)
+class ArmSource:
+    """The history of one arm, in a folder."""
+
+    directory: Path
+    site: str | None = None  # None: as the archive has it, else unknown
+    robot: str | None = None  # None: likewise, else the folder's name
+    archive: ArchiveSettings | None = None  # None: as the history has noted it
+
+    def rows(self, tables: Collection[str]) -> Batches:
+        """The rows of the tables, all of one moment."""
+        with Store.reader(self.directory, self.archive) as store:
+            connection = store.database.connection
+            connection.execute("BEGIN")
+            try:
+                arm = self._arm(connection)
+                for table in tables:
+                    yield from _batches(table, ([*arm, OWN, *row] for row in _ARM_ROWS[table](connection, self.directory)))
+            finally:
+                connection.execute("ROLLBACK")
+
+    def recording(self, which: str) -> Path | None:
+        """The file of a recording: NUMBER, ROBOT/NUMBER, SITE/ROBOT/NUMBER, or its address; None where it is not of this arm."""
+        with Store.reader(self.directory, self.archive) as store:
+            number = self._number(store.database.connection, which)
+            path = None if number is None else store.archived.path(number)
+        return path if path is not None and path.is_file() else None
+
+    def _number(self, connection: sqlite3.Connection, which: str) -> int | None:
+        archived = connection.execute("SELECT ledger_id FROM archived WHERE address = ?", (which,)).fetchone()
+        if archived is not None:
+            return int(archived[0])
+        site, robot = self._arm(connection)
+        *arm, number = which.split("/")
+        return int(number) if number.isdecimal() and len(arm) <= 2 and arm == [site, robot][2 - len(arm) :] else None
+
+    def _arm(self, connection: sqlite3.Connection) -> tuple[str, str]:
+        if self.robot is not None:
+            return self.site or "", self.robot
+        noted = connection.execute("SELECT address FROM archived ORDER BY ledger_id DESC LIMIT 1").fetchone()
+        if noted is not None:
+            parts = dict(part.split("=", 1) for part in split_address(noted[0])[1].split("/")[:2])
+            return parts["site"], parts["robot"]
+        return "", self.directory.resolve().name  # no value that is unknown: a join by it would find nothing, and say nothing
+
+
+@dataclass(frozen=True, slots=True)
+class PlantSource:
+    """The plant's embedded database: friction and events of many arms. Ledgers and recordings stay with the arms."""
+
+    path: Path
+
+    def rows(self, tables: Collection[str]) -> Batches:
+        """The rows of the tables, all of one moment."""
+        with closing(connected(self.path, "ro", isolation_level=None)) as connection:
+            try:
+                connection.execute("BEGIN")
+                if "friction" in tables:
+                    columns = ", ".join(f"f.{name}" for name in ("replay", "joint", "recorded_at", *FIGURES, *LIFE))
+                    rows = connection.execute(f"SELECT site, robot, f.history, {columns} FROM friction f JOIN arm ON id = f.arm")  # noqa: S608
+                    yield from _batches("friction", rows)
+                if "events" in tables:
+                    found = connection.execute("SELECT site, robot, t.history, seq, at, document FROM transition t JOIN arm ON id = t.arm")
+                    events = ([site, robot, number, *_event(*event)] for site, robot, number, *event in _with_replay(found))
+                    yield from _batches("events", events)
+            except sqlite3.Error as error:
+                raise StoreError(f"{self.path}: cannot be read as a plant's database: {error}") from None
+
+    def recording(self, which: str) -> Path | None:  # noqa: ARG002 - as the other sources
+        """None: recordings stay with the arms."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveSource:
+    """An archive alone, without the histories of its recordings."""
+
+    settings: ArchiveSettings
+
+    def rows(self, tables: Collection[str]) -> Batches:
+        """The recordings; nothing else is in an archive."""
+        if "recordings" in tables:
+            archive = Archive.open(self.settings)
+            yield from _batches("recordings", (self._row(archive, each) for each in archive.recordings()))
+
+    def recording(self, which: str) -> Path | None:
+        """The file of a recording by its address; None where that is not of this archive."""
+        archive = Archive.open(self.settings)
+        return RecordingCache().fetched(self.settings, which) if which.startswith(archive.address("")) else None
+
+    def _row(self, archive: Archive, each: ArchivedRecording) -> list[Any]:
+        at, file = each.recorded_at_unix_s, each.key.rpartition("/")[2]
+        where = archive.address(each.key)
+        return [each.site, each.robot, OWN, each.replay, at, each.year, None, file, False, where, None, each.size, None]
+
+
+Source = ArmSource | PlantSource | ArchiveSource
+
+
+def sources_at(path: Path) -> list[Source]:
+    """What lies at a path: one arm's history, folders of such histories, or a plant's database. Raises BadInput where there is nothing."""
+    if path.is_file():
+        return [_database(path)]
+    if (path / HISTORY).is_file():
+        return [ArmSource(path)]
+    found: list[Source] = [ArmSource(each.parent) for each in sorted([*path.glob(f"*/{HISTORY}"), *path.glob(f"*/*/{HISTORY}")])]
+    found += [_database(each) for each in sorted([*path.glob("plant.sqlite"), *path.glob("*/plant.sqlite")])]
+    if not found:
+        raise BadInput(f"{path}: holds neither {HISTORY}, nor folders that do, nor plant.sqlite")
+    return found
+
+
+def _database(path: Path) -> Source:
+    if path.name == HISTORY:
+        return ArmSource(path.parent)
+    with closing(connected(path, "ro", isolation_level=None)) as connection:
+        try:
+            tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+        except sqlite3.Error as error:
+            raise BadInput(f"{path}: cannot be read as SQLite: {error}") from None
+    if not {"arm", "friction", "transition"} <= tables:
+        raise BadInput(f"{path}: is no plant's database; expected plant.sqlite, or the folder of a history")
+    return PlantSource(path)
+
+
+def _batches(table: str, rows: Rows) -> Batches:
+    """Rows, read here: what is wrong with their file is told by whoever has opened it."""
+    while batch := list(islice(rows, BATCH)):
+        yield table, batch
+
+
+def _friction(connection: sqlite3.Connection, _: Path) -> Rows:
+    cursor = connection.execute("SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction ORDER BY ledger_id, joint")
+    while rows := cursor.fetchmany(10_000):
+        documents = orjson.loads(f"[{','.join([row[3] for row in rows])}]")  # one parse: several times faster than one a row
+        for (replay, joint, at, _text), document in zip(rows, documents, strict=True):
+            life = document.get("remaining_life") or {}
+            yield [replay, joint, at, *(document.get(name) for name in FIGURES), *(life.get(name) for name in LIFE)]
+
+
+def _events(connection: sqlite3.Connection, _: Path) -> Rows:
+    for seq, at, replay, text in connection.execute("SELECT seq, at_unix_s, ledger_id, document FROM event ORDER BY seq"):
+        yield _event(seq, at, replay, text)
+
+
+def _with_replay(rows: Iterator[Any]) -> Rows:
+    """A plant's transitions with their missing replay."""
+    for site, robot, number, seq, at, text in rows:
+        yield [site, robot, number, seq, at, None, text]
+
+
+def _event(seq: int, at: float, replay: int | None, text: str) -> list[Any]:
+    document = orjson.loads(text)
+    names = ("kind", "joint", "condition", "tier", "text", "by", "why")
+    return [seq, at, replay, *(document.get(name) for name in names), text]
+
+
+def _ledger(connection: sqlite3.Connection, _: Path) -> Rows:
+    return connection.execute(
+        "SELECT id, window_unix_s, kind, state, json_extract(reason, '$.text'), started_at_unix_s, ended_at_unix_s FROM ledger ORDER BY id"
+    )
+
+
+def _recordings(connection: sqlite3.Connection, directory: Path) -> Rows:
+    here = {path.name: path.stat().st_size for path in (directory / "recordings").glob("replay-*.parquet")}
+    for number, window, judged, state, name, *remote in connection.execute(
+        "SELECT id, window_unix_s, recorded_at_unix_s, state, recording, address, sha256, bytes, verified_at_unix_s "
+        "FROM ledger LEFT JOIN assessment a ON a.ledger_id = id LEFT JOIN archived r ON r.ledger_id = id "
+        "WHERE recording IS NOT NULL ORDER BY id"
+    ):
+        at = window if judged is None else judged
+        address, sha256, size, verified = remote
+        size = here.get(name) if size is None else size
+        yield [number, at, datetime.fromtimestamp(at, UTC).year, state, name, name in here, address, sha256, size, verified]
+
+
+_ARM_ROWS = {"friction": _friction, "events": _events, "ledger": _ledger, "recordings": _recordings}
+
+
+# --- the question ----------------------------------------------------------------------------------
 
 MEMORY, SPILL = "1GB", "4GB"  # beside a daemon: of memory, and of a temporary folder
 _ARROW = {TEXT: pa.string(), "JSON": pa.string(), WHOLE: pa.int64(), NUMBER: pa.float64(), TIME: pa.timestamp("us"), FLAG: pa.bool_()}
@@ -42,7 +261,7 @@ def ask(sql: str, sources: Sequence[Source], limit: int) -> Answer:
     """
     duckdb = _duckdb()
     _refuse_other_statements(duckdb, sql)
-    with _database(duckdb) as connection:
+    with _memory_database(duckdb) as connection:
         for table in TABLES:
             _create(connection, table)
         # a word that is no table costs time, and a table that is not loaded would be a wrong answer
@@ -118,7 +337,7 @@ def _refuse_other_statements(duckdb: Any, sql: str) -> None:
 
 
 @contextmanager
-def _database(duckdb: Any) -> Iterator["duckdb.DuckDBPyConnection"]:
+def _memory_database(duckdb: Any) -> Iterator["duckdb.DuckDBPyConnection"]:
     """An empty database in memory that installs and loads nothing, and leaves cores to others."""
     with tempfile.TemporaryDirectory(prefix="joint-monitor-query-") as spill:
         settings = {

@@ -23,8 +23,8 @@ from monitor.judge.production_observation import context_from_document, producti
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
+from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, Inputs, assessed, robot_digest
-from monitor.service.processes.apart import HERE, Compute
 from monitor.store.formats.recordings import read_recording
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.history.events import AlertEvent

@@ -15,10 +15,9 @@ from monitor.judge.belief import belief_from_document
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.history.from_production import from_production_document
 from monitor.service.history.inspection import inspection_document, stop_document
 from monitor.service.history.maintenance import row_document
-from monitor.service.needed import need_document, needed
+from monitor.service.history.needed import from_production_document, need_document, needed
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.motions import Stop
 from monitor.store.store import Store

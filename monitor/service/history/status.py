@@ -18,15 +18,14 @@ from monitor.judge.document import plain
 from monitor.judge.torque.model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
-from monitor.publish.torque_query import torque_answer
+from monitor.publish.torque import torque_answer
 from monitor.recording import DAY_S
-from monitor.service.hand_over.due import DueReplay
 from monitor.service.history.assess_and_store import EstimatorState, early_alerts
-from monitor.service.history.from_production import from_production_document
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
+from monitor.service.history.needed import from_production_document, need_document, needed
+from monitor.service.lending import DueReplay
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
-from monitor.service.needed import need_document, needed
 from monitor.store.backup import present
 from monitor.store.history.assessments import StoredState
 from monitor.store.history.ledger import Borrow, LedgerRow, Try

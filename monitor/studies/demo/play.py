@@ -20,8 +20,8 @@ from monitor.acquire.listen import Listener, ListenSettings
 from monitor.errors import MonitorError
 from monitor.publish.client import Client
 from monitor.publish.timestamps import rfc3339
-from monitor.service.bus.live import LiveFeed
 from monitor.service.daemon import Daemon
+from monitor.service.live import LiveFeed
 from monitor.service.page import page
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store

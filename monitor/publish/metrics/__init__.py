@@ -1,1 +1,0 @@
-"""Metrics for Prometheus, collected when somebody scrapes. I/O."""

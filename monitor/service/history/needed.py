@@ -1,0 +1,92 @@
+"""When the next replay is needed, by what the history knows of replays and of the arm's ordinary work."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from monitor.acquire.schedule.needed import Need, Told, need
+from monitor.acquire.schedule.windows import ScheduleSettings
+from monitor.judge.alerts.health import Health
+from monitor.judge.belief import Belief
+from monitor.judge.document import plain
+from monitor.judge.drift.suspicion import doubted_rise
+from monitor.judge.production_observation import ProductionObservation, production_observation_from_document
+from monitor.publish.timestamps import rfc3339
+from monitor.service.history.assess_and_store import EstimatorState
+from monitor.store.history.production import DayOfProduction
+from monitor.store.store import Store
+
+
+def told(store: Store | None, belief: Belief | None, health: Health | None) -> Told:
+    """What replays and work have told so far. Raises StoreError."""
+    if store is None or belief is None or health is None:
+        return Told(began_unix_s=None if store is None else store.ledger.began_unix_s())
+    joints = tuple(-math.inf if joint.learnt_at_unix_s is None else joint.learnt_at_unix_s for joint in health.joints)
+    asks, suspects = ((), ()) if belief.production is None else (belief.production.asks, belief.production.suspects)
+    doubted = tuple(int(j) + 1 for j in np.flatnonzero(doubted_rise(belief.filter_state)))
+    return Told(store.ledger.began_unix_s(), store.ledger.learnt_at_unix_s(), joints, asks, suspects, doubted)
+
+
+def needed(settings: ScheduleSettings, store: Store | None, belief: Belief | None, health: Health | None) -> Need:
+    """From when the next replay is needed, and why. Raises StoreError."""
+    return need(settings, told(store, belief, health))
+
+
+def not_needed(now_unix_s: float, found: Need) -> str | None:
+    """Why no replay is needed now; None where one is."""
+    if found.at(now_unix_s):
+        return None
+    # no colon: the windows that the arm or its cell refuses are counted by theirs
+    return f"not needed before {rfc3339(found.from_unix_s)[:10]} ({found.why.replace(':', ' –')})"
+
+
+def need_document(settings: ScheduleSettings, found: Need) -> dict[str, object]:
+    """As documents say it, its time not yet text."""
+    from_unix_s = found.from_unix_s if math.isfinite(found.from_unix_s) else None
+    return {"replay": settings.replay, "needed_from_unix_s": from_unix_s, "why": found.why}
+
+
+# --- the document `from-production` ----------------------------------------------------------------
+
+
+def last_observation(store: Store) -> tuple[DayOfProduction, ProductionObservation] | None:
+    """The newest day of work that was judged; None where none was. Raises StoreError."""
+    rows = store.production.rows(limit=1)
+    return (rows[-1], production_observation_from_document(rows[-1].document)) if rows else None
+
+
+def from_production_document(store: Store, state: EstimatorState, needed: dict[str, Any]) -> dict[str, Any] | None:
+    """What came from work: the document `from-production`, its times not yet text; None before the first day of work. Raises StoreError."""
+    newest, belief = last_observation(store), state.belief
+    if newest is None or belief is None or belief.production is None:
+        return None
+    _, seen = newest
+    history, sources = belief.production, belief.filter_state.sources
+    replays = np.zeros(belief.joints) if sources is None else sources.number
+    periods = np.zeros(belief.joints) if sources is None else sources.other_number
+    return {
+        "period_began_at_unix_s": seen.begin_unix_s,
+        "period_ended_at_unix_s": seen.end_unix_s,
+        "observations": history.observations,
+        "seen_s": seen.seen_s,
+        "left_out_s": dict(seen.left_out_s),
+        "asks": list(history.asks),
+        "suspects": list(history.suspects),
+        "next_replay": needed,
+        "joints": [
+            {
+                "joint": j + 1,
+                "known": bool(seen.known[j] > 0),
+                "share": None if not math.isfinite(seen.share[j]) else float(seen.share[j]),
+                "friction_nm": plain(seen.friction_nm[j]),
+                "deviation_nm": plain(seen.deviation_nm[j]),
+                "temperature_c": plain(seen.temperature_c[j]),
+                "learnt_at_unix_s": plain(history.learnt_at_unix_s[j]),
+                "learnt_from_replays": int(replays[j]),
+                "learnt_from_production": int(periods[j]),
+                "reason": seen.reasons[j] if j < len(seen.reasons) else "",
+            }
+            for j in range(belief.joints)
+        ],
+    }

@@ -1,0 +1,256 @@
+"""The program's hand-over node: its text, the server that gives it, and what `joint-monitor check` finds of the way between the two. I/O.
+
+The text is made for one controller. What is kept of it is ur-rtde's part, for a start at which that controller is off: it depends on the
+controller's software and on ur-rtde alone.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from importlib.metadata import version
+from ipaddress import ip_address
+from pathlib import Path
+from typing import NamedTuple, Self
+
+from monitor.acquire.driver import Driver
+from monitor.acquire.safety.inputs import ConditionResult
+from monitor.acquire.settings import HandOver
+from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
+from monitor.acquire.ur.node_script import control_script, hand_over_script
+from monitor.acquire.ur.node_server import REQUEST, HandOverServer
+from monitor.config.schema import Configuration
+from monitor.errors import BadInput, MonitorError
+from monitor.service.problems import Problems
+
+FILE = "hand-over-node.json"
+MARK = "# joint-monitor node "  # begins the first line of the text; its number follows
+
+
+class NodeText(NamedTuple):
+    """What a node of the program gets."""
+
+    software: str | None  # of the controller that it was made for; None: it does not say
+    control: str  # ur-rtde's control script
+    text: str
+
+    @classmethod
+    def of(cls, software: str | None, control: str) -> Self:
+        """The text around ur-rtde's. Raises BadInput where ur-rtde's text is not as expected."""
+        number = hashlib.sha256(hand_over_script(control).encode()).hexdigest()[:12]
+        return cls(software, control, f"{MARK}{number}\n{hand_over_script(control, version=version_of(number))}")
+
+    @property
+    def number(self) -> str:
+        """The number in the first line: two texts with one number are the same."""
+        return number_of(self.text) or ""
+
+
+def version_of(number: str) -> int:
+    """What a program that has the text of this number says in the register VERSION: its first seven digits, within 32 bits, and never 0."""
+    return int(number[:7], 16) or 1
+
+
+def node_text(host: str, *, driver: Driver = UNIVERSAL_ROBOTS, script: Callable[[str], str] = control_script) -> NodeText:
+    """The text for the controller at this address. Raises RobotUnreachable where it does not answer, BadInput for an unknown ur-rtde."""
+    return NodeText.of(driver.identity(host).firmware, script(host))
+
+
+def number_of(text: str) -> str | None:
+    """The number in the first line of a node's text; None where it is not ours."""
+    first = text.partition("\n")[0].strip()
+    return first.removeprefix(MARK) if first.startswith(MARK) else None
+
+
+def keep(directory: Path, node: NodeText) -> None:
+    """Keep ur-rtde's part beside the history, whole or not at all; where the disk refuses, the next start asks the controller again."""
+    path = directory / FILE
+    temporary = path.with_suffix(".tmp")
+    with suppress(OSError):
+        temporary.write_text(json.dumps({"software": node.software, "control": node.control, "library": _library()}), "utf-8")
+        os.replace(temporary, path)
+
+
+def kept(directory: Path) -> NodeText | None:
+    """The text that was kept last; None where there is none, or another ur-rtde is installed since."""
+    try:
+        document = json.loads((directory / FILE).read_text("utf-8"))
+        if document["library"] != _library():
+            return None
+        return NodeText.of(document["software"], str(document["control"]))
+    except (OSError, ValueError, TypeError, KeyError, BadInput):
+        return None
+
+
+def _library() -> str:
+    return version("ur_rtde")
+
+
+# --- the server ------------------------------------------------------------------------------------
+
+log = logging.getLogger(__name__)
+
+PROBLEM = "hand_over"
+ASK_EVERY_S = 10.0  # until the controller has said which software it runs
+LOOK_EVERY_S = 600.0  # whether its software has changed since
+# what a node gets before the text is known: the program plays, and its node does nothing
+NO_TEXT = 'textmsg("joint-monitor does not know this controller yet: this node does nothing until the program is played again")\n'
+
+
+class NodeServer:
+    """Answers from the first moment on with the text that was kept, and asks the controller beside it. A context manager."""
+
+    def __init__(
+        self,
+        lent: HandOver,
+        host: str,
+        directory: Path,
+        problems: Problems,
+        *,
+        driver: Driver = UNIVERSAL_ROBOTS,
+        make: Callable[[str], NodeText] | None = None,
+    ) -> None:
+        """Listen. Raises BadInput where the port is in use. make : of the text; None: as the driver's controller says."""
+        self._host, self._directory, self._problems, self._driver = host, directory, problems, driver
+        self._make = make or partial(node_text, driver=driver)
+        self._node = kept(directory)
+        self._asked = False  # whether the controller has answered since the start
+        self._stopping = threading.Event()
+        self._server = HandOverServer(NO_TEXT if self._node is None else self._node.text, bind=lent.bind, port=lent.port)
+        self._thread = threading.Thread(target=self._run, name="hand-over text", daemon=True)
+        log.info("hand-over: the program's node is answered on port %d", self._server.port)
+
+    @property
+    def port(self) -> int:
+        """The port that was bound."""
+        return self._server.port
+
+    def look(self) -> None:
+        """Make the text where none is kept, or where the controller's software is another one. Raises nothing: a problem says why."""
+        try:
+            if self._node is None or self._driver.identity(self._host).firmware != self._node.software:
+                self._take(self._make(self._host))
+            self._asked = True
+            self._problems.clear(PROBLEM)
+        except MonitorError as error:
+            if self._node is None:  # with a text that is kept the node is answered all the same
+                self._problems.report(PROBLEM, f"a program that is played now gets a node that does nothing: {error}")
+
+    def _take(self, node: NodeText) -> None:
+        if self._node is not None and node.number != self._node.number:
+            log.warning("hand-over: software %s needs another text: stop the program and play it again", node.software)
+        self._node = node
+        self._server.serve(node.text)
+        keep(self._directory, node)
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self.look()
+            except Exception as error:  # the thread must survive an error of this program; the log names it
+                log.exception("hand-over: a fault")
+                self._problems.report(PROBLEM, f"{type(error).__name__}: {error}")
+            self._stopping.wait(LOOK_EVERY_S if self._asked else ASK_EVERY_S)
+
+    def __enter__(self) -> "NodeServer":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopping.set()
+        self._server.close()  # the thread may wait for a controller; it ends with the process
+
+
+# --- what `joint-monitor check` finds --------------------------------------------------------------
+
+NAME = "hand_over"
+PATIENCE_S = 3.0  # for the connection, and for each part of the answer; the daemon is on this host, which may be busy
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - a setting is compared with it
+
+
+def node_conditions(configuration: Configuration) -> tuple[ConditionResult, ...]:
+    """One condition where a program lends the arm, else none. What is not known yet does not speak against running the service."""
+    lent = configuration.replay.lent
+    if lent is None:
+        return ()
+    return (_served(configuration, lent) if lent.serves else _on_the_controller(configuration),)
+
+
+def own_address(host: str) -> str | None:
+    """The address of this host by which a controller reaches it, as the routes say; None where none leads there. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire, suppress(OSError):
+        wire.connect((host, 9))
+        return str(wire.getsockname()[0])
+    return None
+
+
+def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
+    address = own_address(configuration.robot.host)
+    if address is None:
+        text = f"no route leads to {configuration.robot.host}: the program's node cannot reach this host"
+        return ConditionResult(name=NAME, holds=False, text=text)
+    if ip_address(address).is_loopback and ip_address(lent.bind).is_loopback:
+        address = lent.bind  # a simulated controller, on this host, reaches every such address
+    if lent.bind not in {EVERYWHERE, address}:
+        text = f"the controller reaches this host as {address}, the server listens on {lent.bind} alone (replay.hand_over_listen)"
+        return ConditionResult(name=NAME, holds=False, text=text)
+    where = f"External Control at {address}, port {lent.port}"
+    answer = _answer(address, lent.port)
+    if answer is None:
+        text = f"{where}: nothing answers: while the daemon does not run, a program that is played stops at the node with a popup"
+        return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+    number = number_of(answer)
+    if number is not None:
+        told = f"{where}: a node gets text {number}, {answer.count(chr(10))} lines"
+        return _compared(configuration, number, told, "stop it and play it again")
+    if answer == NO_TEXT:
+        text = f"{where}: the daemon does not know this controller yet: a node does nothing until the program is played again"
+        return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+    text = f"{where}: another program answers; end it, or name another port (replay.hand_over_listen) here and in the node"
+    return ConditionResult(name=NAME, holds=False, text=text)
+
+
+def _on_the_controller(configuration: Configuration) -> ConditionResult:
+    node = kept(configuration.state_directory)
+    if node is not None:
+        made = f"made for software {node.software}" if node.software else "made for a controller that says no software"
+        told = f"the file of the program's Script node must begin with {MARK}{node.number} ({made})"
+        return _compared(configuration, node.number, told, "write the file again, copy it to the controller, and play the program again")
+    text = "which text the program's Script node needs is not known yet: joint-monitor script-node writes it"
+    return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+
+
+def _compared(configuration: Configuration, number: str, told: str, remedy: str) -> ConditionResult:
+    """The text of today against what the node of the program that was played last says of its own.
+
+    Another one does not speak against running the service: its arm is not taken, or taken as ever, and the program works.
+    """
+    says = configuration.driver.node_says(configuration.robot.host)
+    if says is None or not says.reached:
+        why = "the controller does not say it" if says is None else "no node was reached yet"
+        return ConditionResult(name=NAME, holds=True, text=f"{told}; what the program has: {why}", checked=False)
+    reached = f"its nodes were reached {says.reached} times"
+    if says.version == version_of(number):
+        return ConditionResult(name=NAME, holds=True, text=f"{told}; the program that was played last has it, {reached}")
+    text = f"{told}; THE PROGRAM THAT WAS PLAYED LAST HAS ANOTHER TEXT: {remedy} ({reached})"
+    return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+
+
+def _answer(address: str, port: int) -> str | None:
+    """What the port answers to a node's request; None where nobody listens."""
+    answer = b""
+    try:
+        with socket.create_connection((address, port), timeout=PATIENCE_S) as wire, suppress(TimeoutError):
+            wire.sendall(REQUEST + b"\n")
+            while data := wire.recv(65536):
+                answer += data
+    except ConnectionResetError:
+        pass
+    except OSError:
+        return None
+    return answer.decode("utf-8", errors="replace")

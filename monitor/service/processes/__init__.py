@@ -1,1 +1,0 @@
-"""Computations in processes of their own, which end with what they loaded."""

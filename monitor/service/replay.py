@@ -1,0 +1,384 @@
+"""The replay cycle: claim a window, replay, record, assess, store, publish. What the figures mean is judged elsewhere."""
+
+import dataclasses
+import logging
+import math
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from typing import Protocol
+
+from monitor.acquire.schedule.needed import Need
+from monitor.config.schema import Configuration
+from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
+from monitor.judge.alerts.reasons.staleness import stale_joints
+from monitor.judge.assess import Rejected
+from monitor.model.fourier import Excitation
+from monitor.recording import Context, Recording
+from monitor.service.computing import ComputingFailed
+from monitor.service.history.assess_and_store import (
+    HistoryEntry,
+    Verdict,
+    enter,
+    inputs_of,
+    judged,
+    keep_and_judge,
+    state_after,
+)
+from monitor.service.history.maintenance import maintenance_document
+from monitor.service.history.needed import needed
+from monitor.service.history.recompute import roll_back
+from monitor.service.lending import BorrowedWindow, DueReplay, program_of
+from monitor.service.publisher import Publisher
+from monitor.service.shared_state import SharedState
+from monitor.store.formats.recordings import write_recording
+from monitor.store.history.ledger import LedgerRow
+
+log = logging.getLogger(__name__)
+
+ASSESSMENTS = 3  # tries to assess one recording, where the process that computes dies
+RETRY_S = 30.0  # before the second try; twice as long before the third
+
+
+class Replay(Protocol):
+    """How a recording is made: over RTDE in the service, from a simulation in a study."""
+
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
+        """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted."""
+
+
+class Borrow(Protocol):
+    """How a recording is made with an arm that a program lends."""
+
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: BorrowedWindow, /) -> Recording:
+        """One replay at the program's next node. Raises MotionRefused, RobotUnreachable and ReplayAborted.
+
+        The window is entered when the arm is taken, and told why it was not taken at the last node.
+        """
+
+
+class Monitor:
+    """Performs windows one at a time. Its methods may be called from any thread."""
+
+    def __init__(
+        self,
+        state: SharedState,
+        publisher: Publisher,
+        *,
+        play: Replay,
+        borrow: Borrow | None = None,
+        alive: Callable[[], None],
+    ) -> None:
+        """`alive` is called often while a replay or an assessment is under way. borrow : None where no program ever lends the arm."""
+        self._state, self._store, self._publisher, self._now = state, state.store, publisher, state.now
+        self._play, self._borrow, self._alive = play, borrow, alive
+        self.unassessed: str | None = None  # why a recording waits for its assessment
+        self._failed: dict[int, int] = {}  # tries to assess a recording that ended without an outcome, by its window
+        self._retry_at = 0.0  # monotonic
+
+    @property
+    def configuration(self) -> Configuration:
+        """The settings in force."""
+        return self._state.configuration
+
+    @property
+    def health_state(self) -> str | None:
+        """NE 107 state of the arm, with STALE where it is too old; None until a replay has been assessed."""
+        health = self._state.health  # one read: a replay may put another in its place meanwhile
+        if health is None:
+            return None
+        return f"{health.state} (STALE)" if any(stale_joints(health, self._now(), self.configuration.assess.health)) else health.state
+
+    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
+        """One window: claim it, replay, record, assess, publish. Returns its row; None where the ledger has the window already.
+
+        A replay that this machine or the network ended is tried again while the window is open, until `closes_unix_s`; None: it is not.
+
+        Raises nothing for what a robot may do: the row says how the window ended, and why. Raises StoreError.
+        """
+        with self._state.replaying:
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
+            if ledger_id is None:
+                return None
+            self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
+            self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
+            row = self._store.ledger.row(ledger_id)
+            self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
+            self._log_end(row)
+            return row
+
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+        """Wait for the program's node, and replay there: the row of that, or why the arm was not taken while `waits` was true.
+
+        passed : takes why the arm was not taken at the last node. The program gets its arm back between a first pass and its replay, and
+        has a window's time to reach the next node.
+
+        Raises nothing for what a robot may do, as `perform`. Raises StoreError.
+        """
+        assert self._borrow is not None
+
+        def ask_program() -> str | None:
+            return program_of(self.configuration.driver, self.configuration.robot.host)
+
+        with BorrowedWindow(self._store, self._state.replaying, due, self._now, passed, ask_program=ask_program) as window:
+
+            def should_stop() -> bool:
+                if window.ledger_id is None:
+                    return self._should_stop() or not waits()
+                return self._should_stop() or window.back_for_s > self.configuration.schedule.grace_s
+
+            try:
+                recording = self._borrow(self.configuration.excitation, self.configuration.context, should_stop, window)
+            except Exception as error:
+                needs_a_person = isinstance(error, ReplayAborted) and error.needs_a_person
+                if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:
+                    return str(error)
+                number = window.enter()
+                if isinstance(error, ReplayAborted) and error.borrowed:
+                    window.lost()
+                else:
+                    window.given_back()
+                self._end(number, error)
+            else:
+                self._learn(window.enter(), recording)
+            row = self._store.ledger.row(window.enter())
+        self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
+        self._log_end(row)
+        return row
+
+    def note_due(self, due: DueReplay | None) -> None:
+        """Take which replay waits for the program's node; None where none does."""
+        self._state.due = due
+
+    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+        """Enter a missed window as skipped; it is never replayed later. Raises StoreError."""
+        with self._state.replaying:
+            ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
+            if ledger_id is not None:
+                self._store.ledger.end(ledger_id, "skipped", reason, self._now())
+                log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason)
+
+    def recover(self, at_most: int | None = None) -> None:
+        """Finish what a crash or a full disk left half-way: each such window is aborted, or assessed now. Raises StoreError.
+
+        at_most : recordings that are assessed now; the others wait for the next call.
+        """
+        with self._state.replaying:
+            for motion in self._store.motions.give_up_left_over(self._now()):
+                log.warning("%s; a person must look at the arm", motion.end_unknown)
+            before = {row.id for row in self._store.ledger.rows(states=("started",))}
+            waiting = self._store.ledger.repair(self._now())
+            for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
+                if row.id in before:
+                    fields = {"replay": row.id, "verdict": "aborted"}
+                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason_text, extra=fields)
+            self._assess_waiting(waiting[:at_most])
+
+    def roll_back(self) -> bool:
+        """Take back what was learned from replays dated in the future; False where the recordings that this needs are gone."""
+        with self._state.replaying, self._state.revising:
+            try:
+                known = roll_back(self._store, self._now(), self._state.compute)
+            except ComputingFailed as error:  # nothing was changed
+                log.warning("what was learnt from the future is computed here: %s", error)
+                known = roll_back(self._store, self._now())
+            if known is not None:
+                self._state.take(known, self._state.sample_var(known))
+        if known is not None:
+            self._publisher.everything()
+        return known is not None
+
+    def needed(self) -> Need:
+        """From when the next replay is needed, and why. Raises StoreError."""
+        estimator = self._state.estimator  # one read: a replay may put another in its place meanwhile
+        return needed(self.configuration.schedule, self._store, estimator.belief, self._state.health)
+
+    def next_due(self, unix_s: float | None) -> None:
+        """Note when the schedule will replay next, and publish it with `health`."""
+        self._state.take_next_due(unix_s)
+        self._publisher.health()
+
+    def reconfigure(self, configuration: Configuration) -> None:
+        """Take other settings from now on; `info` is published with their digest."""
+        self._state.use(configuration)
+        with self._state.revising:
+            self._state.prepare_live(self._state.sample_var(self._state.estimator))
+        self._publisher.info()
+        self._publisher.health()
+
+    def _log_end(self, row: LedgerRow) -> None:
+        fields = {"replay": row.id, "verdict": row.state}
+        health = self._state.health
+        if row.state == "assessed" and health is not None:
+            log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why, extra=fields)
+        else:
+            log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason_text, extra=fields)
+
+    def _perform(self, ledger_id: int, closes_unix_s: float) -> None:
+        try:
+            recording = self._replayed(ledger_id, closes_unix_s)
+        except Exception as error:
+            self._end(ledger_id, error)
+        else:
+            self._learn(ledger_id, recording)
+
+    def _end(self, ledger_id: int, error: Exception) -> None:
+        """End a window whose replay an error has ended."""
+        state, reason, stop = "aborted", str(error), None
+        if isinstance(error, MotionRefused | RobotUnreachable):
+            state = "skipped"
+        elif isinstance(error, ReplayAborted):
+            stop = error.cause if error.needs_a_person else None
+        elif not isinstance(error, StoreError):  # that one came before the arm moved or after it came to rest
+            # an error of this program: the child is dead and the arm was stopped; the row says what happened
+            log.error("replay=%d ended by a fault of the monitor's own", ledger_id, exc_info=error)
+            reason, stop = f"internal: {type(error).__name__}: {error}", "internal"
+        self._store.ledger.end(ledger_id, state, reason, self._now(), stop=stop)
+
+    def _learn(self, ledger_id: int, recording: Recording) -> None:
+        """Keep a window's recording, and assess it."""
+        # the host's clock, not the controller's, dates a recording; a study's clock is its host's
+        now = self._now()
+        context = dataclasses.replace(recording.context, recorded_at_unix_s=now, revolutions=self._state.production_motion.revolutions(now))
+        recording = dataclasses.replace(recording, context=context)
+        path = self._store.recordings.path(ledger_id)
+        recording = dataclasses.replace(recording, source=path.name)
+        with self._state.revising:
+            inputs = inputs_of(self.configuration, self._state.estimator)
+            with closing(self._state.compute.steps(keep_and_judge, path, recording, inputs)) as steps:
+                outcome: Verdict | Rejected | None = None
+                try:
+                    try:
+                        next(steps)
+                    except ComputingFailed as error:
+                        log.warning("replay=%d is written here: %s", ledger_id, error)
+                        write_recording(path, recording)  # nothing of a replay is lost
+                except StoreError as error:
+                    self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
+                    return
+                self._store.ledger.mark_recorded(ledger_id)
+                older = any(row.id < ledger_id for row in self._store.ledger.rows(states=("recorded",)))
+                try:
+                    outcome = None if older else next(steps, None)  # in time order, as they wait
+                except ComputingFailed as error:
+                    outcome = self._later(ledger_id, error)
+            entry = self._taken(ledger_id, outcome)
+        if entry is not None:
+            self._publish(*entry)
+
+    def _replayed(self, ledger_id: int, closes_unix_s: float) -> Recording:
+        """The recording, at one of several tries. Raises as `_play`, for the last of them."""
+        aborted: ReplayAborted | None = None
+        number = 0
+        while True:
+            number += 1
+            try:
+                return self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
+            except (ReplayAborted, RobotUnreachable) as error:
+                if isinstance(error, ReplayAborted):
+                    aborted = error
+                if not self._tries_again(ledger_id, number, error, closes_unix_s):
+                    raise _after(aborted, error) from error
+            except MotionRefused as error:
+                raise _after(aborted, error) from error
+
+    def _tries_again(self, ledger_id: int, number: int, error: ReplayAborted | RobotUnreachable, closes_unix_s: float) -> bool:
+        """Whether a try that ended so is followed by another; the pause between the two is over then.
+
+        Only this machine or the network ended it, and the window is still open.
+        """
+        settings, cause = self.configuration.schedule, "unreachable"
+        if isinstance(error, ReplayAborted):
+            cause = error.cause
+            if error.needs_a_person or cause not in error.TRANSIENT:
+                return False
+        if number == settings.tries or self._now() + settings.try_again_after_s >= closes_unix_s:
+            return False
+        self._store.ledger.add_try(ledger_id, cause, str(error), self._now())
+        log.warning("replay=%d try=%d ended early, again in %g s: %s", ledger_id, number, settings.try_again_after_s, error)
+        return not self._stopped_within(settings.try_again_after_s)
+
+    def _stopped_within(self, pause_s: float) -> bool:
+        """Wait before the next try; whether the monitor was asked to stop meanwhile."""
+        until = time.monotonic() + pause_s
+        while (left_s := until - time.monotonic()) > 0.0:
+            if self._should_stop() or self._state.stopping.wait(min(left_s, 1.0)):
+                return True
+        return False
+
+    def _assess_waiting(self, rows: Sequence[LedgerRow]) -> None:
+        """Assess recordings that wait, oldest first; those after one that has failed wait with it.
+
+        An older one could not be learned from afterwards.
+        """
+        for row in rows:
+            if time.monotonic() < self._retry_at:
+                return
+            self._assess_stored(row.id)
+            self._alive()
+
+    def _assess_stored(self, ledger_id: int) -> None:
+        """Assess a recording that waits on disk; where that fails for another reason than the recording, it waits on."""
+        with self._state.revising:
+            path, inputs = self._store.recordings.path(ledger_id), inputs_of(self.configuration, self._state.estimator)
+            try:
+                outcome: Verdict | Rejected | None = self._state.compute(judged, path, inputs)
+            except ComputingFailed as error:
+                outcome = self._later(ledger_id, error)
+            entry = self._taken(ledger_id, outcome)
+        if entry is not None:
+            self._publish(*entry)
+
+    def _later(self, ledger_id: int, error: ComputingFailed) -> Rejected | None:
+        """None: the recording waits for another try. After several it is rejected, so that later replays are learnt from."""
+        self._failed[ledger_id] = failed = self._failed.get(ledger_id, 0) + 1
+        log.warning("replay=%d is not assessed yet: %s", ledger_id, error, extra={"replay": ledger_id})
+        if failed >= ASSESSMENTS:
+            return Rejected(f"internal: not assessed in {failed} tries: {error}")
+        self._retry_at = time.monotonic() + failed * RETRY_S
+        self.unassessed = f"replay {ledger_id} waits for its assessment, which is tried again: {error}"
+        return None
+
+    def _taken(self, ledger_id: int, outcome: Verdict | Rejected | None) -> tuple[Verdict, HistoryEntry, bool] | None:
+        """Commit an outcome and take the state after it; the verdict, its entry, and whether it is another arm's or firmware's.
+
+        None where nothing was learnt. The caller holds `revising`.
+        """
+        if outcome is None:
+            return None
+        entry = enter(self._store, self.configuration, ledger_id, outcome, self._now)
+        self._failed.pop(ledger_id, None)
+        self.unassessed, self._retry_at = None, 0.0
+        if isinstance(outcome, Rejected):
+            return None
+        belief = self._state.estimator.belief
+        known, context = belief.context if belief else None, outcome.belief.context
+        self._state.take(state_after(self._state.estimator, entry), outcome.sample_var)
+        return outcome, entry, known is None or (known.serial, known.firmware) != (context.serial, context.firmware)
+
+    def _publish(self, verdict: Verdict, entry: HistoryEntry, another: bool) -> None:
+        """Publish what follows from a verdict. another : of an arm or a firmware that was not known before."""
+        self._alive()
+        if verdict.temperature_c is not None:
+            self._state.take_temperature(verdict.temperature_c)
+        if another:
+            self._publisher.info()
+        for joint in verdict.friction:
+            self._publisher.friction(joint)
+        for act in verdict.maintenance:
+            self._publisher.act(maintenance_document(act))
+        self._publisher.judgement()
+        for event in entry.events:
+            self._publisher.event(event)
+
+    def _should_stop(self) -> bool:
+        self._alive()
+        return self._state.stopping.is_set()
+
+
+def _after(aborted: ReplayAborted | None, error: ReplayAborted | MotionRefused | RobotUnreachable) -> Exception:
+    """How a window ended: as its last try, or as an earlier one that moved the arm, where the last did not come so far."""
+    if aborted is None or aborted is error:
+        return error
+    what = "was refused" if isinstance(error, MotionRefused) else "did not reach the arm"
+    return ReplayAborted(f"{aborted}; the next try {what}: {error}", aborted.cause)
