@@ -9,7 +9,7 @@ import pytest
 from synthetic_arm import CONTEXT, START_S, Arm, History, lived_together, weather
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.assess import AssessSettings, Rejected, assess, judge_identification
 from monitor.judge.assessment import Assessment
@@ -131,7 +131,7 @@ def test_learning_continues_after_a_gap_of_a_month():
 
 def test_assessment_is_markov():
     """Belief and health through JSON after every replay give the same verdicts as without."""
-    from monitor.judge.alerts.documents import health_from_document
+    from monitor.judge.alerts.health import health_from_document
     from monitor.judge.belief import belief_from_document
 
     straight = lived(40, seed=5, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 28)))

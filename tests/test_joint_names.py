@@ -1,6 +1,6 @@
 """The names of joints are those of PolyScope."""
 
-from monitor.judge.alerts.reasons.staleness import stale_text
+from monitor.judge.alerts.states import stale_text
 from monitor.reason import JOINT_NAMES, joint_name, joint_text
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.gateway.values import ArmState, time_said
-from monitor.judge.alerts.ne107 import STATES
+from monitor.judge.alerts.health import STATES
 
 MOST_JOINTS = 8
 MANUFACTURER = "Universal Robots"  # of every arm that a monitor can drive

@@ -10,10 +10,9 @@ from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.signals.cleaning.quality import QualitySettings, quality_problem
 from monitor.judge import prediction_error
-from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.health import Health, HealthSettings
 from monitor.judge.alerts.remaining_life import PrognosisSettings
 from monitor.judge.alerts.rules import judge
-from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences, with_lasting_declarations

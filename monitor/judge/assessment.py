@@ -9,8 +9,7 @@ import numpy as np
 
 from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
-from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.health import Health, Transition
+from monitor.judge.alerts.health import Health, Transition, alert_document
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life_of_joint
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain

@@ -9,7 +9,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.identify.warnings import DataWarning
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import (
     OpenedContext,

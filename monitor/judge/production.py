@@ -13,9 +13,8 @@ from monitor.identify.identification import Identification
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.information import ProductionInformation
 from monitor.identify.production.settings import ProductionSettings
-from monitor.judge.alerts.health import Health, Transition
+from monitor.judge.alerts.health import Health, HealthSettings, Transition
 from monitor.judge.alerts.rules import judge_production
-from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences
 from monitor.judge.drift.settings import DriftSettings

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from monitor.errors import StoreError
-from monitor.judge.alerts.ne107 import STATES
+from monitor.judge.alerts.health import STATES
 from monitor.judge.inspection import MUST_BE_MADE
 from monitor.plant.database import Database
 from monitor.plant.ranking import GRADES, ArmStatus

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from monitor.judge.alerts.ne107 import State
+from monitor.judge.alerts.health import State
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, from 1")]

@@ -3,10 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.health import Health
-from monitor.judge.alerts.reasons.staleness import stale_joints, stale_text
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import Health, HealthSettings, alert_document, health_from_document
+from monitor.judge.alerts.states import stale_joints, stale_text
 from monitor.recording import DAY_S
 
 

@@ -12,7 +12,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from monitor.errors import BusError
-from monitor.judge.alerts.ne107 import STATES
+from monitor.judge.alerts.health import STATES
 from monitor.judge.inspection import MUST_BE_MADE
 from monitor.publish.session import MetricsSettings
 from monitor.publish.timestamps import unix_s

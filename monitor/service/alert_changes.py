@@ -7,11 +7,9 @@ from typing import Any
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import ServiceSituation
-from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.health import Alert, Health
+from monitor.judge.alerts.conditions import CONDITIONS, NOTHING_LEARNT, STALE, STORE_RESTORED
+from monitor.judge.alerts.health import Alert, Health, alert_document
 from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, OVER, service_alert, service_transition
-from monitor.judge.alerts.service_conditions import NOTHING_LEARNT, STALE, STORE_RESTORED
 from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest, InspectedRequest, ServicedRequest, UndoInspectedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside

@@ -25,8 +25,7 @@ from monitor.identify.production.gather import gather, initial
 from monitor.identify.production.information import ProductionInformation, information_from_document
 from monitor.identify.production.rows import rows_of_columns
 from monitor.identify.production.settings import ProductionSettings
-from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.health import Health, alert_document
 from monitor.judge.assess import AssessSettings
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain

@@ -12,8 +12,7 @@ from typing import Any
 
 from monitor import __version__
 from monitor.config.schema import Configuration
-from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.health import Alert
+from monitor.judge.alerts.health import Alert, alert_document
 from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple

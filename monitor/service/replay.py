@@ -11,7 +11,7 @@ from typing import Protocol
 from monitor.acquire.schedule.needed import Need
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
-from monitor.judge.alerts.reasons.staleness import stale_joints
+from monitor.judge.alerts.states import stale_joints
 from monitor.judge.assess import Rejected
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording

@@ -17,7 +17,7 @@ from monitor.config.files import find_excitation
 from monitor.config.load import load
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.identify.document import document as identification_document
-from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import alert_document
 from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain

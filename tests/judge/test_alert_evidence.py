@@ -9,7 +9,7 @@ from synthetic_arm import CONTEXT, Arm, History
 from test_rules import SETTINGS, belief_on, judged
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_document, alert_from_document, health_from_document
+from monitor.judge.alerts.health import alert_document, alert_from_document, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
 from monitor.judge.alerts.rules import judge
 from monitor.judge.drift.filter_state import UNRESOLVED

@@ -10,10 +10,20 @@ from hypothesis import strategies as st
 from synthetic_arm import Arm, History, weather
 
 from monitor.identify.validate import residual_peak
-from monitor.judge.alerts.beside import AT_LOW, AT_PLACE, KINDS, JointBeside, joint_beside, rise_beside, tiers_beside
 from monitor.judge.alerts.conditions import WEAR_RISING
-from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.evidence import (
+    AT_LOW,
+    AT_PLACE,
+    KINDS,
+    JointBeside,
+    joint_beside,
+    nothing_counted,
+    rise_beside,
+    tiers_beside,
+    wear_of_state,
+    weigh_evidence,
+)
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.channels import (
     CHANNELS,

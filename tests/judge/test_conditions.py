@@ -10,10 +10,8 @@ from synthetic_arm import Arm, History
 
 from monitor.judge.alerts.condition import AlertCondition, AlertTier, Headlines, Rule, repeated
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.health import TIERS
+from monitor.judge.alerts.health import OFF_SPEC, STATES, TIERS, alert_document, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.judge.alerts.ne107 import OFF_SPEC, STATES
 
 # Everything that a developer writes for a further condition: one record. In the program it stands in `CONDITIONS`.
 OVERHEATED = AlertCondition(

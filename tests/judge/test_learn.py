@@ -7,8 +7,8 @@ import pytest
 from synthetic_arm import CONTEXT, COULOMB_NM, START_S, Arm, History, fresh, lived_together, weather
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.reasons.why_not import why_not_alerting
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.drift.filter_state import (
     OUTLIER,
     SLOPE,

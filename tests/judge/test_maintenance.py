@@ -8,8 +8,8 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 
 from monitor.judge.alerts.health import Transition
-from monitor.judge.alerts.reasons.why_not import why_not_alerting
-from monitor.judge.alerts.serviced import declare
+from monitor.judge.alerts.life_cycle import declare
+from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.maintenance import GREASED, NEW_JOINT, NEW_REFERENCE, OVERHAULED, REPLACED, STILL_WORN, Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints

@@ -29,7 +29,7 @@ LIVE = """
 import importlib.util, json, sys
 import numpy as np
 from synthetic_arm import Arm, History
-from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import alert_document
 from monitor.publish.timestamps import outside
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import language

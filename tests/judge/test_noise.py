@@ -8,7 +8,7 @@ import pytest
 from synthetic_arm import CONTEXT, START_S, Arm
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, LONGEST, inflation_of, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation

@@ -8,7 +8,7 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import ORDINARY, OUTLIER, PRODUCTION_LEVEL, STEP, replace_joints
 from monitor.judge.drift.from_production import begin_production, correlated_over, observed, swapped

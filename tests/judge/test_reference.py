@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, STEP, WEAR, initial_filter, replace_joints
 from monitor.judge.drift.observation import Observation

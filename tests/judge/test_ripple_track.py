@@ -8,7 +8,7 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, Arm, fresh
 
 from monitor.identify.signals.ripple import Ripple
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.assess import judge_identification
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain

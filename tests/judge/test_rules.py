@@ -8,13 +8,10 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.alerts.documents import health_from_document
-from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.health import Health, HealthSettings, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge, shelve
-from monitor.judge.alerts.reasons.staleness import stale_joints
-from monitor.judge.alerts.reasons.why_not import why_not_alerting
-from monitor.judge.alerts.rules import judge
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.rules import judge, why_not_alerting
+from monitor.judge.alerts.states import stale_joints
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
 from monitor.judge.drift.from_production import begin_production
@@ -331,7 +328,7 @@ def test_a_change_is_attributed_to_its_causes():
     """10 K colder and 10 % of wear: the causes add up to the whole, and each has the size of the simulated cause."""
     from synthetic_arm import History
 
-    from monitor.judge.alerts.reasons.attribution import attribute_changes
+    from monitor.judge.alerts.states import attribute_changes
 
     history, rng = History(), np.random.default_rng(3)
     for day in range(80):

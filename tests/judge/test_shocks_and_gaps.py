@@ -6,7 +6,7 @@ from test_noise import correlated
 from test_noise import lived as lived_until
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.drift.noise.size import follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings

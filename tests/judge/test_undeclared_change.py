@@ -11,8 +11,8 @@ from synthetic_arm import CONTEXT, Arm, History
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.warnings import DataWarning
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.judge.alerts.settings import HealthSettings
 from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
-from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
+from monitor.judge.alerts.states import unseen_steps_text
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import STEP
 from monitor.judge.drift.observation import Observation

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.judge.alerts.life_text import assumptions_text
-from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life, remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, assumptions_text, remaining_life, remaining_life_of_joint
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.drift.filter_state import RATE, SLOTS, WEAR, begin_history
 from monitor.judge.drift.observation import Observation

@@ -428,7 +428,7 @@ def test_a_watcher_of_event_alone_gets_transitions_and_nothing_else(cell):
 
 
 def _document(daemon: Daemon, joint: int) -> dict:
-    from monitor.judge.alerts.documents import alert_document
+    from monitor.judge.alerts.health import alert_document
 
     return {**alert_document(daemon.state.health.alerts[0]), "joint": joint}
 

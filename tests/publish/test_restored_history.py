@@ -11,7 +11,7 @@ from prepared import Process
 from test_daemon_on_the_bus import DAY_S, START_UNIX_S, Arm, history, recording, settled  # noqa: F401
 
 from monitor.errors import BusError
-from monitor.judge.alerts.service_conditions import STORE_RESTORED
+from monitor.judge.alerts.conditions import STORE_RESTORED
 from monitor.publish.client import Client
 from monitor.publish.documents import Alert
 from monitor.service.daemon import Daemon

@@ -12,7 +12,7 @@ from test_scheduler import DAY, START, Arm
 from monitor.acquire.schedule.needed import Told
 from monitor.errors import MonitorError, MotionRefused
 from monitor.judge.alerts.condition import ServiceSituation, Standing
-from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
+from monitor.judge.alerts.conditions import SERVICE_CONDITIONS
 from monitor.publish.metrics import families
 from monitor.publish.timestamps import outside
 from monitor.recording import Recording

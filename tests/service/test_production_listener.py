@@ -19,7 +19,7 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.acquire.rows import COLUMN, WIDTH, columns
 from monitor.identify.production.rows import rows_of_columns
-from monitor.judge.alerts.documents import health_from_document
+from monitor.judge.alerts.health import health_from_document
 from monitor.judge.belief import belief_from_document
 from monitor.publish.metrics import families
 from monitor.publish.registry import KINDS

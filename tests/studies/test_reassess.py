@@ -17,7 +17,7 @@ from once import once
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
-from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.publish.documents import ServicedRequest
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after

@@ -18,7 +18,7 @@ import numpy as np
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
 from monitor.identify.identify import identify
-from monitor.judge.alerts.documents import alert_document
+from monitor.judge.alerts.health import alert_document
 from monitor.judge.assess import judge_identification
 from monitor.judge.document import plain
 from monitor.judge.torque.predictor import predict_torque

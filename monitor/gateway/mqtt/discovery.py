@@ -12,7 +12,7 @@ import orjson
 from monitor import __version__
 from monitor.gateway.figures import MANUFACTURER, ArmFigures
 from monitor.gateway.mqtt.topics import ArmTopics, gateway
-from monitor.judge.alerts.ne107 import STATES
+from monitor.judge.alerts.health import STATES
 
 QOS = 1
 DIAGNOSTIC = "diagnostic"

@@ -8,9 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, JointHealth
-from monitor.judge.alerts.ne107 import State
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, HealthSettings, JointHealth, State
 from monitor.judge.belief import Belief
 from monitor.judge.drift.undeclared import UndeclaredChange
 from monitor.recording import Array

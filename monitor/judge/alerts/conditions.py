@@ -1,4 +1,8 @@
-"""The alert conditions. A further condition is one more record in `CONDITIONS`: its rules, state, texts and advice stand in it."""
+"""The alert conditions. A further condition is one more record in `CONDITIONS`: its rules, state, texts and advice stand in it.
+
+A replay cannot raise the conditions of the monitor itself (nothing moves, nothing is learnt, the arm is not heard, the history was
+restored), because they say that there is none. The service looks at them between replays: see `ServiceSituation`.
+"""
 
 import math
 from dataclasses import replace
@@ -7,7 +11,6 @@ from functools import partial
 import numpy as np
 import scipy
 
-from monitor.judge.alerts.beside import joint_beside
 from monitor.judge.alerts.condition import (
     AlertCondition,
     AlertTier,
@@ -16,18 +19,125 @@ from monitor.judge.alerts.condition import (
     Headlines,
     JointSituation,
     Rule,
+    ServiceSituation,
+    Standing,
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.health import TIERS, Confirmations
-from monitor.judge.alerts.ne107 import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC
-from monitor.judge.alerts.service_conditions import SERVICE_CONDITIONS
+from monitor.judge.alerts.evidence import joint_beside
+from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, TIERS, Confirmations
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
 from monitor.reason import joint_text
 from monitor.recording import DAY_S
+
+STORE_RESTORED, NOTHING_LEARNT = "store_restored", "nothing_learnt"
+STOPPED, STALE, UNHEARD = "stopped", "stale", "unheard"
+REFUSED_WINDOWS, REFUSED_DAYS = 3, 1.0  # so many windows in a row, over so long, are no working day of the cell
+
+
+def _stopped(situation: ServiceSituation) -> str | None:
+    """A stop waits for a person; or every window is refused, so that nothing will move by itself either."""
+    if situation.stop is not None:
+        return f"Nothing moves since {_time(situation.stop)}: {situation.stop.reason}. It waits for a person."
+    refused = situation.refused
+    if refused is None or refused.windows < REFUSED_WINDOWS or situation.now_unix_s - refused.since_unix_s < REFUSED_DAYS * DAY_S:
+        return None
+    return f"Nothing moves since {_time(refused)}: every window since then was refused; the last one: {refused.reason}."
+
+
+def _stale(situation: ServiceSituation) -> str | None:
+    learnt = situation.unlearnt
+    if learnt is None or not _over(learnt, situation):
+        return None
+    last = f" The last window: {learnt.reason}." if learnt.reason else ""
+    if situation.due is not None:
+        last = f" A replay is due since {_time(situation.due)}, {situation.due.reason}."
+    return f"Nothing was learnt of this arm since {_time(learnt)}: what is known of its joints is of then, not of now.{last}"
+
+
+def _unheard(situation: ServiceSituation) -> str | None:
+    heard = situation.unheard
+    if heard is None or not _over(heard, situation):
+        return None
+    return f"The arm is not heard since {_time(heard)}{f': {heard.reason}' if heard.reason else ''}."
+
+
+def _over(standing: Standing, situation: ServiceSituation) -> bool:
+    """Whether it has lasted for longer than it may."""
+    return standing.until_unix_s is not None and situation.now_unix_s >= standing.until_unix_s
+
+
+def _time(standing: Standing) -> str:
+    return f"{np.datetime64(int(standing.since_unix_s), 's')}Z"
+
+
+SERVICE_CONDITIONS = (
+    AlertCondition(
+        name=STORE_RESTORED,
+        headlines=Headlines(arm="The monitor's history was damaged, and a backup has taken its place."),
+        tiers={
+            "advisory": AlertTier(
+                CHECK_FUNCTION,
+                "Look at the disk, and at what set-aside file and backups say; then acknowledge this.",
+                "the history was damaged and the newest good backup replaced it, or it lost its newest entries",
+            )
+        },
+    ),
+    AlertCondition(
+        name=STOPPED,
+        headlines=Headlines(arm="Nothing moves, and nothing will until a person has put it right."),
+        service=_stopped,
+        tiers={
+            "advisory": AlertTier(
+                CHECK_FUNCTION,
+                "Look at the arm and at the reason (joint-monitor check); put it right, or allow motion (joint-monitor allow). "
+                "Until the arm replays again, wear goes unnoticed.",
+                "a stop waits for a person; or every window was refused, three or more in a row over a day or longer",
+            )
+        },
+    ),
+    AlertCondition(
+        name=STALE,
+        headlines=Headlines(arm="What the monitor knows of this arm is out of date."),
+        service=_stale,
+        tiers={
+            "advisory": AlertTier(
+                CHECK_FUNCTION,
+                "Look why the last windows failed (joint-monitor status): until one succeeds, wear goes unnoticed.",
+                "no replay was learned from for schedule.learn_within_days: as it is shipped, for three windows and two days",
+            )
+        },
+    ),
+    AlertCondition(
+        name=UNHEARD,
+        headlines=Headlines(arm="The monitor does not hear the arm."),
+        service=_unheard,
+        tiers={
+            "advisory": AlertTier(
+                CHECK_FUNCTION,
+                "Look whether the arm is switched on, and at its cable and address (joint-monitor check).",
+                "the arm did not answer for schedule.heard_within_days: as it is shipped, for two windows and a day",
+            )
+        },
+    ),
+    AlertCondition(  # an alert that 0.2.0 raised goes on until it is cleared; since then the same is `stale`
+        name=NOTHING_LEARNT,
+        headlines=Headlines(arm="The monitor has learned nothing about this arm for days."),
+        tiers={
+            "advisory": AlertTier(
+                CHECK_FUNCTION,
+                "Look why the last windows failed (joint-monitor status): until one succeeds, wear goes unnoticed.",
+                "version 0.2.0 raised this for what is `stale` now",
+            )
+        },
+    ),
+)
+
+
+# --- The alert conditions --------------------------------------------------------------------------------
 
 WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"
 FALLING = "friction_falling"

@@ -1,14 +1,77 @@
-"""Values of a verdict: the state of the arm and its joints, and alerts that are raised, updated and cleared.
+"""Values of a verdict: settings, the state of the arm and its joints, alerts that are raised, updated and cleared, and all that as JSON.
 
 The states are those of NAMUR NE 107 in the spelling of OPC UA. An alert is latched: it clears only after somebody has acknowledged it
 and its condition is gone. Acknowledged and shelved are independent of active (ISA-18.2). `rules.judge` makes these values.
 """
 
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
-from monitor.judge.alerts.ne107 import NORMAL
-from monitor.judge.document import plain
+import numpy as np
+from annotated_types import Interval
+
+from monitor.errors import BadConfiguration, BadInput
+from monitor.judge.bounds import check_bounds
+from monitor.judge.document import entry, key_of, plain
+from monitor.recording import Array
+
+State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
+STATES: tuple[State, ...] = get_args(State)  # in ascending order of precedence: the last one of several states wins
+NORMAL: State = "NORMAL"
+CHECK_FUNCTION: State = "CHECK_FUNCTION"  # the data are unreliable; the joint itself may be sound
+OFF_SPEC: State = "OFF_SPEC"  # outside the temperatures learned so far
+MAINTENANCE_REQUIRED: State = "MAINTENANCE_REQUIRED"
+FAILURE: State = "FAILURE"  # the configured end of life is reached
+
+
+# --- Settings of the alerts ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthSettings:
+    """When alerts are raised and cleared. A rise is a fraction of the friction torque at the beginning."""
+
+    advisory_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.01
+    wear_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.05
+    limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30
+    false_alarms_per_year: Annotated[float, Interval(ge=1e-4, le=10.0)] = (
+        0.05  # advisories a year that a healthy arm may cause by chance; it determines the evidence that an advisory requires
+    )
+    wear_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above wear_rise
+    limit_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above limit_rise
+    min_replays: Annotated[int, Interval(ge=1, le=100)] = 3  # a condition must appear in so many consecutive replays
+    min_days: Annotated[int, Interval(ge=1, le=100)] = 2  # these consecutive replays must lie on at least so many UTC days
+    clear_fraction: Annotated[float, Interval(gt=0.0, lt=1.0)] = (
+        0.6  # of a tier's rise, below which the tier is left; less than 1, so that an alert does not flap
+    )
+    update_step: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.02  # an active alert is updated when its change has moved by so much
+    common_share: Annotated[float, Interval(ge=1e-6, le=1.0)] = (
+        2.0 / 3.0
+    )  # share of the joints that must change together for a common change
+    common_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.9  # required probability that such a joint has changed
+    stale_days: Annotated[float, Interval(ge=0.01, le=3650.0)] = 7.0  # a joint is stale after so long without a replay that updated it
+    contradiction_sigma: Annotated[float, Interval(ge=2.0, le=100.0)] = (
+        8.0  # standard deviations by which masses must differ from those of earlier replays to contradict them
+    )
+    contradiction_kg: Annotated[float, Interval(ge=0.01, le=100.0)] = (
+        0.2  # smallest difference that is reported as a payload: it raises friction of the shoulder by about advisory_rise
+    )
+    learning_replays: Annotated[int, Interval(ge=0, le=1000)] = 10  # before so many replays a new temperature is not OFF_SPEC
+
+    def __post_init__(self) -> None:
+        """Raises BadConfiguration where a figure is out of its bounds, or the rises of the tiers are out of order."""
+        check_bounds(self, "health")
+        if not self.advisory_rise < self.wear_rise < self.limit_rise:
+            raise BadConfiguration("health: expected 0 < advisory_rise < wear_rise < limit_rise")
+
+    @property
+    def rises(self) -> Array:
+        """(3,) rise of each tier."""
+        return np.array([self.advisory_rise, self.wear_rise, self.limit_rise])
+
+
+# --- Values of a verdict ---------------------------------------------------------------------------------
 
 TIERS = ("advisory", "wear", "limit")  # how grave an alert is, in ascending order
 SEVERITY = {"advisory": "low", "wear": "medium", "limit": "high"}
@@ -151,3 +214,60 @@ class Transition(NamedTuple):
 
     kind: str  # "raised", "updated", "serviced" or "cleared"
     alert: Alert
+
+
+# --- Health and alerts as JSON objects -------------------------------------------------------------------
+
+
+def alert_document(alert: Alert) -> dict[str, Any]:
+    """One alert as a JSON object, with the key `active` in addition."""
+    return {**plain(alert), "active": alert.active}
+
+
+def alert_from_document(document: Mapping[str, Any]) -> Alert:
+    """An Alert from a JSON object that may hold more, for example an event. Raises TypeError where a field is missing."""
+    known = {key_of(f) for f in fields(Alert)}
+    return _alert({key: value for key, value in document.items() if key in known})
+
+
+def health_from_document(document: Any) -> Health:
+    """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
+    try:
+        joints = tuple(_joint(joint) for joint in entry(document, "joints", where="health"))
+        alerts = tuple(_alert(alert) for alert in entry(document, "alerts", where="health"))
+        rest = {name: entry(document, name, where="health") for name in ("state", "why", "since_unix_s")}
+        common = Confirmations(**entry(document, "common", where="health"))
+        return Health(joints=joints, alerts=alerts, common=common, confirmations=_by_condition(document.get("troubled", ())), **rest)
+    except (TypeError, KeyError, ValueError) as wrong:
+        raise BadInput(f"health: {wrong}") from None
+
+
+def _joint(document: Mapping[str, Any]) -> JointHealth:
+    values = _by_field(JointHealth, document)
+    values["rising"] = tuple(Confirmations(**each) for each in document["rising"])
+    values["falling"] = Confirmations(**document["falling"])
+    values["confirmations"] = _by_condition(document.get("troubled", ()))
+    return JointHealth(**values)
+
+
+def _alert(document: Mapping[str, Any]) -> Alert:
+    values = _by_field(Alert, document)
+    gravest = values.get("gravest")
+    values["attribution"] = _attribution(values.get("attribution"))
+    values["gravest"] = Gravest(**gravest | {"split": _attribution(gravest.get("split"))}) if gravest else None
+    values["acknowledgements"] = tuple(Acknowledgement(**each) for each in values.get("acknowledgements") or ())
+    return Alert(**values)
+
+
+def _attribution(document: Mapping[str, Any] | None) -> Attribution | None:
+    return Attribution(**document) if document else None
+
+
+def _by_field(cls: type, document: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a JSON object by the names of a dataclass's fields; an unknown key keeps its name."""
+    names = {key_of(f): f.name for f in fields(cls)}
+    return {names.get(key, key): value for key, value in document.items()}
+
+
+def _by_condition(document: Iterable[Any]) -> tuple[tuple[str, Confirmations], ...]:
+    return tuple((str(condition), Confirmations(**confirmations)) for condition, confirmations in document)

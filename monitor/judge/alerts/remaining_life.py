@@ -9,21 +9,48 @@ break earlier or later.
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import scipy
 from annotated_types import Interval
 
-from monitor.judge.alerts.life_text import STRAIGHT_TEXT, assumption_text
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.bounds import check_bounds
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
+from monitor.reason import joint_text
 from monitor.recording import Array
+
+STRAIGHT_TEXT = "if friction goes on along a straight line"
+PATH_WORDS = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}
+
+
+def assumption_text(path: str, probability: float, accelerating: float, sooner_days: float | None) -> str:
+    """What the days assume: the likeliest path, and when friction reaches the limit on one that accelerates.
+
+    accelerating, sooner_days : probability of such a path, and its median; None where it is too unlikely to be told.
+    """
+    text = f"if friction {PATH_WORDS[path]} as it has so far (probability {100 * probability:.0f} %)"
+    if sooner_days is not None and path != "accelerating":
+        text += f"; a path that accelerates (probability {100 * accelerating:.0f} %) reaches the limit in {sooner_days:.0f} d"
+    return text
+
+
+def assumptions_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """One sentence for each joint with a date, from its rows of `friction`; empty where there is none or none says what it assumes."""
+    sentences = []
+    for row in rows:
+        life = row.get("remaining_life") or {}
+        if life.get("p50_days") is not None and life.get("assumption"):
+            sentences.append(f"{joint_text(row['joint'])}: the limit in {life['p50_days']:.0f} d {life['assumption']}.")
+    return " ".join(sentences)
+
+
+# --- The days until friction reaches its limit -----------------------------------------------------------
 
 DAYS = np.geomspace(0.05, 20_000.0, 48)  # coarse table of the distribution; 20 000 days, or 54 years, are the longest prediction
 FINE_POINTS = 96  # of the fine table, between the coarse points beside P10 and P90

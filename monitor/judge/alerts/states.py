@@ -1,18 +1,100 @@
-"""NE 107 states of the joints and of the arm after a replay: the gravest of everything that holds, and why."""
+"""NE 107 states of joints and arm: the gravest of everything that holds, and why; what changed friction, what is stale or unseen."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
-from monitor.judge.alerts.health import Alert, Health, JointHealth
-from monitor.judge.alerts.ne107 import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, State
-from monitor.judge.alerts.reasons.unseen_step import unseen_step_text
-from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
+from monitor.judge.alerts.health import (
+    CHECK_FUNCTION,
+    NORMAL,
+    OFF_SPEC,
+    STATES,
+    Alert,
+    Attribution,
+    Health,
+    HealthSettings,
+    JointHealth,
+    State,
+)
+from monitor.judge.belief import Belief
+from monitor.judge.drift.filter_state import LEVELS, OUTLIER, UNRESOLVED
 from monitor.judge.drift.undetected_change import UnseenStep
-from monitor.reason import joint_text
-from monitor.recording import Array
+from monitor.reason import joint_name, joint_text
+from monitor.recording import DAY_S, Array
+
+KNOWN_VAR = 1.0  # [log²] a level that any replay has taught is far better known, one of no replay far worse
+
+
+def attribute_changes(belief: Belief) -> tuple[Attribution | None, ...]:
+    """The causes of the change of every joint since its first replays; None before there is a change to attribute."""
+    filter_state = belief.filter_state
+    whole = belief.last_log_torque - belief.first_log_torque  # (J,) as all below
+    T0 = np.where(np.isfinite(belief.first_temperature_c), belief.first_temperature_c, belief.reference_temperature_c)
+    T = np.where(np.isfinite(belief.temperature_c), belief.temperature_c, T0)
+    slot = belief.contexts[-1].slot or 0
+    now, first = np.full(belief.joints, slot), np.array([_first_slot(belief, j, slot) for j in range(belief.joints)])
+    at_first, at_now, at_last = (filter_state.steady_mean(t, slot) for t, slot in ((T0, first), (T0, now), (T, now)))
+    temperature, payload, wear = at_last - at_now, at_now - at_first, filter_state.change
+    parts = np.stack([whole, temperature, payload, wear, whole - temperature - payload - wear], axis=1)  # (J, 5)
+    return tuple(Attribution(*of_joint) if math.isfinite(of_joint[0]) else None for of_joint in parts.tolist())
+
+
+def _first_slot(belief: Belief, j: int, slot: int) -> int:
+    """The slot of the oldest baseline that is still kept and known of joint j; that in force where none is.
+
+    A level that is not known, as after a replacement, is no reference: the difference to it would be the logarithm of a torque.
+    """
+    state = belief.filter_state
+    known = [
+        context
+        for context in belief.contexts
+        if context.slot is not None and state.cov[j, LEVELS + context.slot, LEVELS + context.slot] < KNOWN_VAR
+    ]
+    return (min(known, key=lambda context: context.opened_at_unix_s).slot or 0) if known else slot
+
+
+# --- Which joints no replay has updated for a long time --------------------------------------------------
+
+
+def stale_joints(health: Health, now_unix_s: float, settings: HealthSettings) -> tuple[bool, ...]:
+    """(J,) whether the last replay that updated a joint is older than `stale_days`, or there is none."""
+    limit = now_unix_s - settings.stale_days * DAY_S
+    return tuple(joint.learnt_at_unix_s is None or joint.learnt_at_unix_s < limit for joint in health.joints)
+
+
+def stale_text(stale: Sequence[int], joints: int, since: str, then: str) -> str:
+    """The sentence that bus, page and report publish of stale joints.
+
+    stale : numbers of the stale joints, from 1; joints : J; since : for how long; then : the time that the state does not stand for.
+    """
+    who = "all joints" if len(stale) == joints else ", ".join(map(joint_name, stale))
+    return f"STALE: {who}: nothing was learnt {since}: the state is of then, not of {then}"
+
+
+# --- Which steps of friction may be unseen yet -----------------------------------------------------------
+
+
+def unseen_step_text(rise: float, days: float) -> str:
+    """Of one joint; rise : fraction."""
+    return f"a step of the last {days:.0f} days up to {rise:.0%} may be unseen"
+
+
+def unseen_steps_text(friction: Sequence[Mapping[str, Any]]) -> str:
+    """Of all joints, from their friction documents; empty where nothing is known, as in documents of older releases."""
+    known = [row for row in friction if row.get("unseen_step") is not None]
+    if not known:
+        return ""
+    each = ", ".join(f"{joint_name(row['joint'])} {row['unseen_step']:.0%}" for row in known)
+    days = max(row["unseen_step_days"] for row in known)
+    return f"The ± of wear does not hold for a fresh step: one of the last {days:.0f} days may be unseen up to {each}."
+
+
+# --- NE 107 states of the joints and of the arm after a replay -------------------------------------------
 
 Reason = tuple[State, str]
 

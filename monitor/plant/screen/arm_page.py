@@ -11,8 +11,8 @@ import orjson
 import sqlalchemy as sa
 
 from monitor.errors import BadInput, BusError
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.remaining_life import PrognosisSettings
-from monitor.judge.alerts.settings import HealthSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.plant.database import Database
 from monitor.plant.links import ArmName, Link, command_arm

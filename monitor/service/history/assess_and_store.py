@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_document, alert_from_document, health_from_document
-from monitor.judge.alerts.health import Alert, Health, Transition
+from monitor.judge.alerts.health import Alert, Health, Transition, alert_document, alert_from_document, health_from_document
 from monitor.judge.assess import AssessSettings, Rejected, assess
 from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document

@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
-from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.health import Alert, Health, Transition
-from monitor.judge.alerts.serviced import declare
+from monitor.judge.alerts.health import Alert, Health, Transition, alert_document, health_from_document
+from monitor.judge.alerts.life_cycle import declare
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import PERSONAL, REPLACED, Maintenance

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 import numpy as np
 
 from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, BadInput
-from monitor.judge.alerts.documents import alert_from_document, health_from_document
-from monitor.judge.alerts.health import Health
+from monitor.judge.alerts.health import Health, alert_from_document, health_from_document
 from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.assess import AssessSettings, Rejected, model_after
 from monitor.judge.assessment import Assessment

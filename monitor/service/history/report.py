@@ -9,8 +9,7 @@ from typing import Any
 from monitor import __version__
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import health_from_document
-from monitor.judge.alerts.health import TIERS
+from monitor.judge.alerts.health import TIERS, health_from_document
 from monitor.judge.belief import belief_from_document
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.recording import DAY_S

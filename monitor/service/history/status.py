@@ -11,8 +11,8 @@ from monitor.acquire.schedule.needed import ALWAYS, Need
 from monitor.acquire.schedule.windows import ScheduleSettings, expected
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_document, health_from_document
-from monitor.judge.alerts.reasons.why_not import why_not_alerting
+from monitor.judge.alerts.health import alert_document, health_from_document
+from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.torque.model import model_from_document

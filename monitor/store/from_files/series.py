@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
 from monitor.identify.signals.same_motion import with_motions
-from monitor.judge.alerts.documents import alert_document
-from monitor.judge.alerts.reasons.why_not import why_not_alerting
+from monitor.judge.alerts.health import alert_document
+from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.assess import AssessSettings, Rejected, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain

@@ -4,10 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.documents import alert_from_document
-from monitor.judge.alerts.health import Health, Transition
-from monitor.judge.alerts.life_cycle import acknowledge, unacknowledge
-from monitor.judge.alerts.serviced import declare
+from monitor.judge.alerts.health import Health, Transition, alert_from_document
+from monitor.judge.alerts.life_cycle import acknowledge, declare, unacknowledge
 from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance

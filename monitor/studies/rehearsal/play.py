@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.settings import HealthSettings
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS

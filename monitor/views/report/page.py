@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.alerts.life_text import assumptions_text
-from monitor.judge.alerts.reasons.staleness import stale_text
-from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
+from monitor.judge.alerts.remaining_life import assumptions_text
+from monitor.judge.alerts.states import stale_text, unseen_steps_text
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
 from monitor.views.language.catalogue import ENGLISH, Language

@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from monitor.judge.alerts.life_text import assumptions_text
-from monitor.judge.alerts.reasons.unseen_step import unseen_steps_text
+from monitor.judge.alerts.remaining_life import assumptions_text
+from monitor.judge.alerts.states import unseen_steps_text
 from monitor.publish.timestamps import unix_s
 from monitor.reason import joint_name, joint_text
 from monitor.views.alert_sentence import JointPast, sentences

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.remaining_life import PrognosisSettings
-from monitor.judge.alerts.settings import HealthSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.reason import joint_name
 from monitor.views.language.catalogue import LANGUAGES

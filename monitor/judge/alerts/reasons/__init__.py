@@ -1,1 +1,0 @@
-"""Reasons: what a change of friction is attributed to, and why a joint does not alert."""
