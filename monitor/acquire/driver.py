@@ -12,6 +12,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.safety.torque_basis import BandBasis, basis_from_document
 from monitor.acquire.safety.way import Left, left_from_document
 from monitor.acquire.settings import Installation, ReplaySettings
@@ -97,21 +98,19 @@ class Driver(Protocol):
         """
 
     def stream(self, task: ReplayTask) -> Session:
-        """A session that plays one replay: connect, ready, control, approach or way_back, settle, play, return, settle, finish.
+        """A session that plays one replay, as `protocol` has it. Raises SessionEnded where no process can be started.
 
-        It sends the rows of the play, and these messages: `phase` with `phase` and `duration_s`; `state` with a `row` while it waits in
-        the phase `ready`; `alive`; `waiting` while the robot's next row is late; and a last one: `done`, `failed` with `cause` and
-        `text`, `refused` or `unreachable` with a `text`.
-        A `failed` with `ended` true means that the session has ended its program and the arm stands.
-        Where a program lends the arm, the phase `node` comes before `ready`, with `passed_by` and a `text` for each node at which the arm
-        was not taken; `asking` says that it is asked for, then `taken` or `not_taken` what the program did; `giving_back` that the program
-        gets it, and `given_back` that it has it again. A session that ends before either answer leaves a standing arm, and a program that
-        has its arm or has ended. A session that was not told `go` gives it
-        back after `stop`, after whatever it refuses itself, and where nobody says `here`.
-        It takes the words `go`, without which nothing moves, `stop`, `back`, after which a lent arm that has moved goes back over the
-        way it came and is given back, and while the arm moves `here` from whoever watches it: without that
-        it lets the arm come to rest. Raises SessionEnded where no process can be started.
+        It sends the rows of the play, and each event of the protocol as a message of that `kind`: that of a phase with its `duration_s`;
+        the last words STOPPED and FAILED with a `cause` and a `text`, REFUSED and UNREACHABLE with a `text`. Beside these: `state` with a
+        `row` while it waits in the phase READY; `passed_by` with a `text` for each node at which the arm was not taken; `alive`, and
+        `waiting` while the robot's next row is late.
+        It takes the words GO, without which nothing moves, STOP, BACK, and while the arm moves `here` from whoever watches it: without that
+        it lets the arm come to rest. A session that was not told GO gives a lent arm back after STOP, after whatever it refuses itself,
+        and where nobody says `here`.
         """
+
+    def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
+        """Why a session's process ended without a last word; it had been silent for silent_s, and `printed` this."""
 
     def safety_stop(self, host: str) -> SafetyStop | None:
         """The stop that the robot's safety system holds; None where there is none, or where the robot does not answer."""

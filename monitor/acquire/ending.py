@@ -1,4 +1,9 @@
-"""What is known of an arm after a motion: at rest, in normal safety mode, powered, with no program of ours. By receiving only."""
+"""How a replay ends: what became of our program, in words for a person why it ended, and what is known of the arm after it.
+
+A session that has ended leaves a `State` whose program may still run. `end_program` finds out what became of it, and stops it;
+`how_it_ended` names the cause; `look` looks at the arm, by receiving only, and `judged_end` adds what it has seen. The protocol's table
+(`protocol`) has no end that is not found out so.
+"""
 
 import time
 from collections.abc import Callable
@@ -6,15 +11,82 @@ from collections.abc import Callable
 import numpy as np
 
 from monitor.acquire import state as names
-from monitor.acquire.driver import Driver, SafetyStop
+from monitor.acquire.driver import Driver, OurEnd, SafetyStop
+from monitor.acquire.protocol import Event, Program
+from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.errors import ReplayAborted
+from monitor.acquire.watch import Watch
+from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
 
+PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
 LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
 REST_S = 3.0  # an arm that still moves, or a program that still runs, so long after the end did not end
 LEAVING_S = 3.0  # somebody who wants this process to end does not wait longer for a controller that does not answer
 SAFETY_CAUSES = {3: "protective_stop", 5: "safeguard_stop", 6: "emergency_stop", 7: "emergency_stop"}  # by safety mode
+
+
+def end_program(watch: Watch, driver: Driver) -> OurEnd | None:
+    """Find out what became of the program that has the arm, once the session has ended, and stop ours where it may run.
+
+    Returns how it has ended; None where nothing of ours could run any more.
+    """
+    host = watch.settings.host
+    watch.find_out(lambda: driver.playing_program(host))
+    if not watch.state.may_run:
+        return None
+    end = driver.stop_program(host, watch.our_program)
+    watch.state = watch.state.after(Event.NOT_SHOWN if end == "not_shown" else Event.PROGRAM_ENDED)
+    return end
+
+
+def how_it_ended(
+    watch: Watch, driver: Driver, end: OurEnd | None, death: Interruption, printed: str, home_q: tuple[float, ...]
+) -> MonitorError:
+    """What ended a replay early.
+
+    end : of our program, None where nothing had to be stopped. death : why the session's process ended, if it ended by itself. printed : by
+    that process. home_q : (J,) [rad] where the arm should have come back to; empty: not known.
+    """
+    message, host, state = watch.last_word, watch.settings.host, watch.state
+    if message is not None and message["kind"] == Event.REFUSED:
+        return MotionRefused(f"{host}: {message['text']}")
+    if message is not None and message["kind"] == Event.UNREACHABLE:
+        return RobotUnreachable(message["text"])
+    if message is not None:
+        cause, text = message["cause"], message["text"]
+    else:
+        cause, text = death
+        # a silent process that was given up may have been dying of a lost connection already
+        dying = state.gone and cause == "connection_lost"
+        if watch.interruption is not None and not (watch.interruption.cause == "timeout" and dying):
+            cause, text = watch.interruption
+        elif cause == "stalled" and end == "replaced":  # a command waits for our program, which is not there any more
+            cause, text = "program_stopped", f"somebody else's program was started in the place of ours; {text}"
+        elif printed:
+            text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
+    if not state.moved and cause == "timeout":
+        return RobotUnreachable(f"{host}: no RTDE connection: {text}")
+    if watch.asked is not None and cause == "parent_asked_to_stop" != watch.asked.cause:  # the session knows only that it was asked
+        cause, text = watch.asked.cause, f"{watch.asked.text}; {text}"
+    if cause in ReplayAborted.HARMLESS and end in {"ended", "replaced"} and (stop := driver.safety_stop(host)):
+        # the session did not live to see this stop, or saw only that the program stopped
+        cause, text = stop.cause, f"{stop.text}; {cause}: {text}"
+    where = f"in the phase {watch.phase.value!r}" if state.gone else "before anything moved"
+    outcome = "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm" if state.unknown else ""
+    if state.lent:
+        outcome += "; the program that lent the arm has ended and does not go on: bring the arm where the program can begin, and start it"
+    given_back = state.program is Program.GOES_ON
+    return ReplayAborted(
+        f"{host}: {cause} {where}: {text}{outcome}",
+        cause,
+        moved=state.moved,
+        at_rest=message is not None and message["kind"] == Event.STOPPED,
+        unknown="it is not known whether our program has ended" if state.unknown else None,
+        phase="" if given_back or watch.last_motion is None else watch.last_motion.value,  # the program that has its arm back moves it now
+        home_q=home_q,
+        borrowed=state.lent,
+    )
 
 
 class ArmAfter:

@@ -8,12 +8,12 @@ import dataclasses
 import hashlib
 import json
 import time
-from typing import NoReturn
 
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, OurEnd, ReplayTask
+from monitor.acquire.driver import Driver, ReplayTask
+from monitor.acquire.ending import end_program, how_it_ended
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, conditions, named_conditions, refuse_unless
 from monitor.acquire.safety.gate import AskPermit, Gate
@@ -23,8 +23,8 @@ from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.watch import Caller, Watch, cause_of_death
-from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.acquire.watch import Caller, Watch
+from monitor.errors import RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context, Recording
@@ -75,7 +75,6 @@ def check(
 
 
 LEAVING_S = 1.0  # from the session's last message to the end of its process
-PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
 
 
 def slowed(excitation: Excitation, settings: ReplaySettings) -> Excitation:
@@ -162,17 +161,17 @@ def replay(
         watch.follow(session)
     finally:
         # also when a callback raised: first the session, then the arm, then the exception
-        watch.oversight.cancel()
-        exit_code = session.end(LEAVING_S if watch.last_message else 0.0)
-        watch.find_out(lambda: driver.playing_program(settings.host))
-        end: OurEnd = driver.stop_program(settings.host, watch.our_program) if watch.may_move else "ended"
-        watch.oversight.join()
-    if watch.refusal is not None and not watch.borrowed:
+        oversight.cancel()
+        exit_code = session.end(LEAVING_S if watch.last_word else 0.0)
+        end = end_program(watch, driver)
+        oversight.join()
+    if watch.refusal is not None and not watch.state.lent:
         raise watch.refusal
     if not watch.done:
-        home_q = () if watch.state is None else tuple(inputs.way_from(watch.state).home_q.tolist())
-        _raise_ending(watch, driver, exit_code, session.printed, end=end, home_q=home_q)
-    return _recording(watch, _full_context(inputs, watch.state), excitation)
+        home_q = () if watch.arm is None else tuple(inputs.way_from(watch.arm).home_q.tolist())
+        death = driver.cause_of_death(exit_code, watch.silent_before_end_s, session.printed)
+        raise how_it_ended(watch, driver, end, death, session.printed, home_q)
+    return _recording(watch, _full_context(inputs, watch.arm), excitation)
 
 
 def _full_context(inputs: ConditionInputs, state: ArmState | None) -> Context:
@@ -194,53 +193,9 @@ def _full_context(inputs: ConditionInputs, state: ArmState | None) -> Context:
     )
 
 
-def _raise_ending(watch: Watch, driver: Driver, exit_code: int, printed: str, *, end: OurEnd, home_q: tuple[float, ...]) -> NoReturn:
-    """Raise what ended the replay, in words for a person."""
-    message, host, stopped = watch.last_message, watch.settings.host, end != "not_shown"
-    if message is not None and message["kind"] == "refused":
-        raise MotionRefused(f"{host}: {message['text']}")
-    if message is not None and message["kind"] == "unreachable":
-        raise RobotUnreachable(message["text"])
-    if message is not None:
-        cause, text = message["cause"], message["text"]
-    else:
-        cause, text = cause_of_death(exit_code, watch.silent_before_end_s, printed)
-        # a silent process that was given up may have been dying of a lost connection already
-        dying = watch.in_control and cause == "connection_lost"
-        if watch.interruption is not None and not (watch.interruption.cause == "timeout" and dying):
-            cause, text = watch.interruption
-        elif cause == "stalled" and end == "replaced":  # a command waits for our program, which is not there any more
-            cause, text = "program_stopped", f"somebody else's program was started in the place of ours; {text}"
-        elif printed:
-            text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
-    if not (watch.in_control or watch.borrowed) and cause == "timeout":
-        raise RobotUnreachable(f"{host}: no RTDE connection: {text}")
-    if watch.asked is not None and cause == "parent_asked_to_stop" != watch.asked.cause:  # the session knows only that it was asked
-        cause, text = watch.asked.cause, f"{watch.asked.text}; {text}"
-    if cause in ReplayAborted.HARMLESS and watch.may_move and stopped and (stop := driver.safety_stop(host)):
-        # the session did not live to see this stop, or saw only that the program stopped
-        cause, text = stop.cause, f"{stop.text}; {cause}: {text}"
-    where = f"in the phase {watch.phase!r}" if watch.in_control else "before anything moved"
-    outcome = "" if stopped else "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm"
-    if watch.borrowed:
-        outcome += "; the program that lent the arm has ended and does not go on: bring the arm where the program can begin, and start it"
-    unknown = None if stopped else "it is not known whether our program has ended"
-    at_rest = message is not None and message.get("ended", False)
-    raise ReplayAborted(
-        f"{host}: {cause} {where}: {text}{outcome}",
-        cause,
-        moved=watch.in_control or watch.borrowed,
-        at_rest=at_rest,
-        unknown=unknown,
-        phase="" if watch.given_back else watch.last_motion,  # the program that has its arm back moves it now
-        home_q=home_q,
-        borrowed=watch.borrowed,
-    )
-
-
 def _recording(watch: Watch, context: Context, excitation: Excitation) -> Recording:
     """The rows as signals, with the quality of their acquisition."""
-    message, settings = watch.last_message, watch.settings
+    message, settings = watch.last_word, watch.settings
     assert message is not None
     table = columns(np.array(watch.rows))
     t_s, host_s = table["timestamp"], table["host_monotonic_s"]

@@ -5,12 +5,14 @@ from excitations import short
 from test_driver import row
 
 from monitor.acquire.driver import ReplayTask
+from monitor.acquire.protocol import Order, Phase, Program, State
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import arm as arm_module
 from monitor.acquire.ur import upload as upload_module
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.upload import Upload
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 
@@ -147,8 +149,9 @@ def scripted_arm(monkeypatch):
         monkeypatch.setattr(arm_module, "connect_receiver", lambda *_: (receiver, ()))
         monkeypatch.setattr(arm_module, "read_row", lambda *_: (receiver.present.copy(), 0))
         task = ReplayTask(settings=SETTINGS, excitation=short(), robot=load_robot("ur5"), context=Context())
-        arm = Arm(task, Silent(), Silent())
-        arm.control = FakeControl(receiver)
+        arm = Arm(task, Silent(), Silent(), Upload())
+        arm.connection = FakeControl(receiver)
+        arm.state = State(Phase.CONTROL, Program.OURS, Order.GO)
         arm.guard_torque(Wide())
         arm.approach_proved(rows[0][1][COLUMN["target_q"]])
         return arm
@@ -170,5 +173,5 @@ def cause_of(act):
 
 def told(scripted, made, *messages):
     arm = scripted(made)
-    arm.messages = ScriptedMessages(arm.receive.clock, messages)
+    arm.taking.messages = ScriptedMessages(arm.receive.clock, messages)
     return arm

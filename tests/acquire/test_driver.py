@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import deque
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -12,6 +13,7 @@ from test_guard import ready_state
 
 from monitor.acquire.driver import SafetyStop, SessionEnded
 from monitor.acquire.listen import Listener, ListenSettings, record
+from monitor.acquire.protocol import Event, Phase, State
 from monitor.acquire.replay import check, replay
 from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
@@ -19,7 +21,8 @@ from monitor.acquire.safety.inputs import LastMotion, Permit
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
-from monitor.acquire.watch import Caller
+from monitor.acquire.ur.driver import cause_of_death
+from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
 from monitor.recording import Context
@@ -56,32 +59,64 @@ def row(tick: int, **values) -> np.ndarray:
 
 
 def phase(name: str) -> dict:
-    return {"kind": "phase", "phase": name, "duration_s": 1.0}
+    return {"kind": name, "duration_s": 1.0}
+
+
+SAID = [event for event in Event if event not in {Event.GO, Event.BACK, Event.STOP, *LAST_WORDS, Event.DIED}]  # by a session that goes on
+
+
+def before(state: State, event: Event) -> list[Event]:
+    """What a session must say first, as briefly as the protocol allows, so that it may say this; nothing where that is never possible."""
+    ways = deque([(state, [])])
+    seen = {state}
+    while ways:
+        at, said = ways.popleft()
+        if at.allows(event):
+            return said
+        for each in SAID:
+            if at.phase is not Phase.ENDED and at.allows(each) and (after := at.after(each)) not in seen:
+                seen.add(after)
+                ways.append((after, [*said, each]))
+    return []
 
 
 WAITING = [phase("connect"), phase("ready"), {"kind": "state", "row": row(0).tolist()}]
 
 
 class ScriptedSession:
-    """Sends the frames before `go`, then those after it; then it ends with an exit code."""
+    """Sends the frames before `go`, then those after it, and before each what the protocol asks for; then it ends with an exit code."""
 
     def __init__(self, before, after, exit_code=0):
         self.before, self.after, self.exit_code = list(before), list(after), exit_code
         self.sent, self.ended, self.printed = [], False, ""
         self.beats = 0
+        lent = any(isinstance(frame, dict) and frame["kind"] in {"node", "taken", "asking"} for frame in self.before)
+        self.state = State.at_start(lent=lent)
 
     def send(self, word):
         if word == "here":
             self.beats += 1
-        else:
-            self.sent.append(word)
+            return
+        self.sent.append(word)
+        if self.state.allows(Event(word)):
+            self.state = self.state.after(Event(word))
+
+    def say(self, frame):
+        if not isinstance(frame, dict) or frame["kind"] not in list(Event):
+            return [frame]
+        event = Event(frame["kind"])
+        first = before(self.state, event)
+        for each in (*first, event):
+            self.state = self.state.after(each) if self.state.allows(each) else self.state
+        return [*({"kind": each, "duration_s": 1.0} for each in first), frame]
 
     def frames(self, timeout_s):
         waiting = self.before or (self.after if "go" in self.sent else [])
         if not waiting and ("go" in self.sent or not self.after):
             raise SessionEnded("the script is at its end")
-        yield from list(waiting)
+        said = [each for frame in waiting for each in self.say(frame)]
         waiting.clear()
+        yield from said
 
     def end(self, patience_s=0.0):
         self.ended = True
@@ -110,6 +145,9 @@ class ScriptedDriver:
     def stream(self, task):
         self.task = task
         return self.session
+
+    def cause_of_death(self, exit_code, silent_s, printed):
+        return cause_of_death(exit_code, silent_s, printed)
 
     def safety_stop(self, host):
         return self.stop
@@ -171,13 +209,13 @@ def test_after_a_clean_end_no_program_is_stopped():
     """The session ended its own program, at the end of the replay or on request: what runs now is somebody else's."""
     done = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), row(2), DONE]))
     replay(short(), UR5, SETTINGS, driver=done)
-    ended = {"kind": "failed", "cause": "parent_asked_to_stop", "text": "the arm stands", "ended": True}
+    ended = {"kind": "stopped", "cause": "parent_asked_to_stop", "text": "the arm stands"}
     asked = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1), ended]))
     with pytest.raises(ReplayAborted) as aborted:
         replay(short(), UR5, SETTINGS, driver=asked)
     assert (done.programs_stopped, asked.programs_stopped) == (0, 0)
     assert aborted.value.moved
-    nothing_sent = {"kind": "failed", "cause": "no_control", "text": "somebody else's program is playing", "ended": True}
+    nothing_sent = {"kind": "stopped", "cause": "no_control", "text": "somebody else's program is playing"}
     other = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), nothing_sent]))
     with pytest.raises(ReplayAborted, match="somebody else's"):
         replay(short(), UR5, SETTINGS, driver=other)
@@ -252,7 +290,7 @@ class MovingSession(ScriptedSession):
 
     def frames(self, timeout_s):
         if "stop" in self.sent:
-            yield {"kind": "failed", "cause": "parent_asked_to_stop", "text": "stopped on request; the arm stands", "ended": True}
+            yield {"kind": "stopped", "cause": "parent_asked_to_stop", "text": "stopped on request; the arm stands"}
             return
         if not self.before and not self.after and "go" in self.sent:
             time.sleep(0.008)

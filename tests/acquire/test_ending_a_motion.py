@@ -7,12 +7,14 @@ import pytest
 from scripted_arm import PLAYING, STOPPED, TICK_S, ScriptedMessages, Wide, cause_of, rows, scripted_arm, told
 from test_driver import row
 
+from monitor.acquire.protocol import Order, Phase, Program, State
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur import arm as arm_module
 from monitor.acquire.ur import control as control_module
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import StreamFailure
-from monitor.acquire.ur.upload import leave_nothing_behind
+
+AT_REST = State(Phase.SETTLE, Program.OURS, Order.GO)
 
 
 @pytest.fixture
@@ -32,6 +34,7 @@ def play(arm, cycles):
 def moving(scripted, made):
     arm = scripted(made)
     arm.begin()
+    arm.state = State(Phase.PLAY, Program.OURS, Order.GO)
     return arm
 
 
@@ -105,7 +108,7 @@ def test_a_program_that_takes_the_place_of_ours_in_mid_motion_is_named_before_th
     """It plays without a pause; its limiter, which stands at 0 at first, was told as the slider's."""
     made = rows((PLAYING, 30), robot_status_bits=3.0)
     arm = moving(scripted, made)
-    arm.messages = ScriptedMessages(arm.receive.clock, [(0.1, "welding")])
+    arm.taking.messages = ScriptedMessages(arm.receive.clock, [(0.1, "welding")])
     for each in made[14:]:
         each[COLUMN["speed_scaling"]] = 0.0
     with pytest.raises(StreamFailure, match="'welding' was started in the place of ours") as failure:
@@ -154,12 +157,12 @@ def test_a_pause_before_any_target_leaves_no_program_without_a_watchdog(scripted
     made = [(1000.0 + TICK_S * n + (0.3 if n else 0.0), each) for n, each in enumerate(rows((PLAYING, 8), (STOPPED, 60)))]
     arm = scripted(made)
     arm.program_sent = True
-    leave_nothing_behind(arm, StreamFailure(cause, "no processor time for 84 ms"))
+    arm.taking.leave_nothing_behind(arm, StreamFailure(cause, "no processor time for 84 ms"))
     assert arm.control.asked == ["end_program"]
     assert not arm.program_sent
     arm = scripted(rows((PLAYING, 400)))
     arm.program_sent = True
-    leave_nothing_behind(arm, StreamFailure(cause, "no processor time for 84 ms"))
+    arm.taking.leave_nothing_behind(arm, StreamFailure(cause, "no processor time for 84 ms"))
     assert arm.program_sent  # it goes on: that is not hidden
 
 
@@ -169,7 +172,7 @@ def test_over_a_cut_connection_and_one_that_stays_silent_nothing_is_sent_any_mor
     arm.program_sent = True
     if lost != "data":
         getattr(arm, lost).connected = False
-    assert cause_of(partial(leave_nothing_behind, arm, StreamFailure("stalled", "x"))) in {"connection_lost", "stalled", "late"}
+    assert cause_of(partial(arm.taking.leave_nothing_behind, arm, StreamFailure("stalled", "x"))) in {"connection_lost", "stalled", "late"}
     assert arm.control.asked == []
     assert arm.program_sent
 
@@ -183,9 +186,9 @@ def test_only_a_late_process_that_stands_ends_its_program_and_none_that_may_be_a
         (StreamFailure("late", "x", ours=False), scripted(made)),
         (StreamFailure("late", "x"), told(scripted, made)),
     ):
-        arm.program_sent, arm.in_doubt = True, isinstance(arm.messages, ScriptedMessages)
+        arm.program_sent, arm.taking.in_doubt = True, isinstance(arm.taking.messages, ScriptedMessages)
         arm.control.asked.clear()
-        leave_nothing_behind(arm, failure)
+        arm.taking.leave_nothing_behind(arm, failure)
         assert arm.control.asked == []
 
 
@@ -196,17 +199,17 @@ def test_only_a_late_process_that_stands_ends_its_program_and_none_that_may_be_a
 def test_a_connection_that_is_lost_while_the_program_ends_is_named_so(scripted, monkeypatch, lost):
     """Nothing says any more whether the program has ended; it was named as a program that goes on."""
     arm = scripted(rows((PLAYING, 3)))
-    monkeypatch.setattr(stream, "time", arm.receive.clock)
     getattr(arm, lost).connected = False
+    arm.state = AT_REST
     assert cause_of(lambda: stream.finish(arm)) == "connection_lost"
 
 
 def test_a_program_that_goes_on_after_it_was_asked_to_end_is_named_and_one_that_ends_is_no_failure(scripted, monkeypatch):
     arm = scripted(rows((PLAYING, 3)))
-    monkeypatch.setattr(stream, "time", arm.receive.clock)
+    arm.state = AT_REST
     assert cause_of(lambda: stream.finish(arm)) == "program_stopped"
     arm = scripted(rows((PLAYING, 3), (STOPPED, 3)))
-    monkeypatch.setattr(stream, "time", arm.receive.clock)
+    arm.state = AT_REST
     stream.finish(arm)
     assert arm.control.asked[-2:] == ["stop_servo", "end_program"]
 

@@ -6,7 +6,6 @@ import random
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import fault_cases
 import pytest
@@ -15,6 +14,7 @@ from excitations import short
 from fault_cases import FAULTS, HARMLESS, STOPPING, Case, Outcome, most_rows, run_case, table
 from simulated_arm import simulated_arm
 
+from monitor.acquire.protocol import Event, Order, Phase, Program, State
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import Stopped
@@ -35,13 +35,17 @@ class OnTime:
     """An arm without faults, whose rows come in every tick, and which is asked to stop at a time of the play."""
 
     tick_s = step_s = 0.008
+    stop_cause = "local_control"
 
     def __init__(self, stop_at_s):
-        self.stop_at_s, self.rows, self.outbox = stop_at_s, 0, SimpleNamespace(message=lambda *_, **__: None)
+        self.stop_at_s, self.rows = stop_at_s, 0
 
     @property
-    def asked_to_stop(self):
-        return "local_control" if self.rows * self.tick_s > self.stop_at_s else None
+    def state(self):
+        return State(Phase.PLAY, Program.OURS, Order.STOP if self.rows * self.tick_s > self.stop_at_s else Order.GO)
+
+    def say(self, event, **_):
+        assert event is Event.PLAY
 
     def next_row(self):
         return None
@@ -62,12 +66,12 @@ def test_a_play_that_slows_down_near_its_end_has_rows_for_half_the_ramp_longer_a
     for tick in range(1000, 1250):
         arm = OnTime(tick * OnTime.tick_s)
         with suppress(Stopped):
-            stream.stream(arm, "play", 10.0, lambda _: None, keep=True)
+            stream.stream(arm, Event.PLAY, 10.0, lambda _: None, keep=True)
         rows.append(arm.rows)
     assert 1268 in rows
     assert max(rows) == most_rows(10.0, along_the_path=True)
     never = OnTime(10.0)
-    stream.stream(never, "play", 10.0, lambda _: None, keep=True)
+    stream.stream(never, Event.PLAY, 10.0, lambda _: None, keep=True)
     assert never.rows == most_rows(10.0, along_the_path=False)
 
 

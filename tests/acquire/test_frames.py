@@ -9,7 +9,7 @@ from monitor.acquire.child import LONGEST_TEXT, FrameReader, message_frame, row_
 from monitor.acquire.rows import WIDTH
 
 ROW = np.arange(WIDTH) / 7.0
-STREAM = row_frame(ROW) + message_frame("phase", {"phase": "play", "duration_s": 3.0}) + row_frame(-ROW)
+STREAM = row_frame(ROW) + message_frame("play", {"duration_s": 3.0}) + row_frame(-ROW)
 
 
 @given(cuts=st.lists(st.integers(0, len(STREAM)), max_size=8))
@@ -21,7 +21,7 @@ def test_frames_are_the_same_after_any_split_of_their_bytes(cuts):
         found += list(reader.frames(STREAM[begin:end]))
     assert len(found) == 3
     assert np.array_equal(found[0], ROW)
-    assert found[1] == {"kind": "phase", "phase": "play", "duration_s": 3.0}
+    assert found[1] == {"kind": "play", "duration_s": 3.0}
     assert np.array_equal(found[2], -ROW)
 
 

@@ -13,6 +13,7 @@ from simulated_arm import simulated_arm
 from test_failures import SETTINGS, SOUND
 from test_guard import NOON, SIMULATED, displaced, inputs, ready_state
 
+from monitor.acquire.protocol import Event, Order, Phase, Program, State
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import conditions
@@ -95,13 +96,13 @@ def test_a_payload_that_is_changed_during_a_replay_ends_it():
 class AskedToStop:
     """An arm that was asked to stop; nothing else of it is looked at."""
 
-    asked_to_stop = "permit_withdrawn"
+    state, stop_cause = State(Phase.PLAY, Program.OURS, Order.STOP), "permit_withdrawn"
 
 
 def test_nothing_begins_after_a_request_to_stop():
     """A request in the last 0.4 s of a phase lets that phase end as planned. The next does not begin, and the replay is no success."""
     with pytest.raises(stream.Stopped):
-        stream.stream(AskedToStop(), "return", 0.2, lambda _: ready_state().target_q)
+        stream.stream(AskedToStop(), Event.RETURN, 0.2, lambda _: ready_state().target_q)
 
 
 def test_a_window_that_closes_during_the_announcement_or_the_wait_for_a_permit_closes():

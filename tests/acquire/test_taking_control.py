@@ -9,7 +9,15 @@ from scripted_arm import PAUSED, PLAYING, STOPPED, STOPPING, TICK_S, cause_of, r
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur.arm import SPEED_RISE_S, Arm
 from monitor.acquire.ur.failures import StreamFailure
-from monitor.acquire.ur.upload import NAME, START_S, prove_watchdog, start_program
+from monitor.acquire.ur.upload import NAME, START_S
+
+
+def start_program(arm):
+    arm.taking.start_program(arm)
+
+
+def prove_watchdog(arm):
+    arm.taking.prove_watchdog(arm)
 
 
 @pytest.fixture
@@ -80,7 +88,7 @@ def test_a_program_that_ours_did_not_replace_is_named_and_gets_no_command(script
     arm = told(scripted, rows((STOPPED, 6), (PLAYING, 300)), *messages)
     with pytest.raises(StreamFailure, match="'welding'") as failure:
         start_program(arm)
-    assert (failure.value.cause, failure.value.ours, arm.in_doubt) == ("no_control", False, True)
+    assert (failure.value.cause, failure.value.ours, arm.taking.in_doubt) == ("no_control", False, True)
     assert arm.control.asked == ["upload"]
     assert arm.program_sent == (messages[0][1] != NAME)  # of ours nothing is known, or that it has ended
 
@@ -90,19 +98,19 @@ def test_our_program_that_somebody_pauses_before_it_moves_is_known_for_ours(scri
     arm = told(scripted, rows((STOPPED, 6), (PLAYING, 4), (PAUSED, 60)), (0.05, NAME))
     with pytest.raises(StreamFailure, match="the control program is paused") as failure:
         start_program(arm)
-    assert (failure.value.cause, failure.value.ours, arm.in_doubt) == ("program_stopped", True, False)
+    assert (failure.value.cause, failure.value.ours, arm.taking.in_doubt) == ("program_stopped", True, False)
 
 
 def test_a_control_program_that_fails_is_told_with_what_the_controller_says_against_it(scripted):
     """It was told as somebody else's program. Of one that cannot be read nothing begins."""
     made = rows((STOPPED, 6), (PLAYING, 3), (STOPPED, int((START_S + 1.0) / TICK_S)))
     arm = told(scripted, made, (0.05, NAME), (0.08, None))
-    arm.control.upload = lambda: setattr(arm.messages, "mistake", "line 7, column 3: unknown variable x") or True
+    arm.control.upload = lambda: setattr(arm.taking.messages, "mistake", "line 7, column 3: unknown variable x") or True
     with pytest.raises(StreamFailure, match="has ended; the controller says: line 7, column 3: unknown variable x") as failure:
         start_program(arm)
     assert (failure.value.cause, failure.value.ours) == ("no_control", False)
     arm = told(scripted, rows((STOPPED, int((START_S + 1.0) / TICK_S))))
-    arm.control.upload = lambda: setattr(arm.messages, "mistake", "line 7, column 3: syntax error") or True
+    arm.control.upload = lambda: setattr(arm.taking.messages, "mistake", "line 7, column 3: syntax error") or True
     with pytest.raises(StreamFailure, match="did not start within 5 s; the controller says: line 7, column 3: syntax error"):
         start_program(arm)
 
@@ -113,10 +121,10 @@ def test_the_name_of_our_program_is_awaited_and_a_controller_that_tells_none_is_
     arm = told(scripted, made, (0.3, NAME))
     start_program(arm)
     assert arm.receive.clock.now_s >= 1000.3
-    assert arm.messages.open
+    assert arm.taking.messages.open
     arm = told(scripted, made)
     start_program(arm)
-    assert not arm.messages.open
+    assert not arm.taking.messages.open
 
 
 def test_a_program_whose_name_came_before_ours_was_sent_keeps_ours_from_being_sent(scripted):

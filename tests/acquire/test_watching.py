@@ -9,12 +9,15 @@ from excitations import short
 from test_driver import DONE, UR5, WAITING, ScriptedDriver, ScriptedSession, phase, row
 
 from monitor.acquire import watch as watch_module
+from monitor.acquire.protocol import State
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import lend as borrow
 from monitor.acquire.ur import stream
+from monitor.acquire.ur.driver import cause_of_death
 from monitor.acquire.ur.failures import Stopped, StreamFailure
-from monitor.acquire.watch import Caller, cause_of_death
+from monitor.acquire.ur.lend import Lend
+from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 
 ALIVE = {"kind": "alive"}
@@ -68,7 +71,7 @@ class TimedSession(ScriptedSession):
             self.clock.now_s += timeout_s
             return
         self.clock.now_s += 0.008
-        yield frame
+        yield from self.say(frame)
 
 
 def played(monkeypatch, frames, **replayed):
@@ -121,7 +124,7 @@ def test_an_old_setting_of_one_second_counts_as_a_tenth(monkeypatch):
 
 def test_a_sign_of_life_without_a_row_and_a_last_message_do_not_show_that_a_program_is_still_ours(monkeypatch):
     """While the rows are late somebody else may have started a program, and we must not stop it."""
-    late = {"kind": "failed", "cause": "late", "text": "no processor time", "ended": False}
+    late = {"kind": "failed", "cause": "late", "text": "no processor time"}
     clock = Clock()
     monkeypatch.setattr(watch_module, "time", clock)
     driver = ScriptedDriver(TimedSession(clock, [phase("control"), phase("play"), ALIVE, *[WAITING_FOR_A_ROW] * 12, late]))
@@ -171,9 +174,9 @@ def test_a_target_that_no_program_of_ours_takes_is_told_as_the_other_program_whe
 
 def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_finish():
     """Before `go` the session itself refuses; killed in the middle, it would leave the parent to stop a program that has its arm again."""
-    looks = iter([[TAKEN, phase("finish")], [], [GIVEN_BACK, {"kind": "refused", "text": "the guard says no"}]])
-    session = ScriptedSession([], [DONE])
-    session.frames = lambda timeout_s: iter(next(looks))
+    looks = iter([[phase("node"), TAKEN, phase("finish")], [], [GIVEN_BACK, {"kind": "refused", "text": "the guard says no"}]])
+    session = ScriptedSession([phase("node")], [DONE])
+    session.frames = lambda timeout_s: (each for frame in next(looks) for each in session.say(frame))
     driver = ScriptedDriver(session)
     settings = ReplaySettings(host="127.0.0.1", allow_motion=True, hand_over="external_control")
     with pytest.raises(MotionRefused, match="the guard says no"):
@@ -182,11 +185,15 @@ def test_a_stop_that_comes_while_a_refused_arm_is_given_back_lets_the_session_fi
     assert driver.programs_stopped == 0
 
 
-def lent_arm(node, next_row=lambda: None):
-    """An arm whose session tells what it does; (the arm, what was told)."""
+def lending(node, next_row=lambda: None):
+    """A way to take an arm from a program at this node, the arm, and what its session told."""
     told: list[str] = []
-    outbox = SimpleNamespace(message=lambda kind, **values: told.append(kind))
-    return SimpleNamespace(node=node, outbox=outbox, next_row=next_row, program_sent=False), told
+    taking = Lend()
+    taking._node = node
+    arm = SimpleNamespace(
+        say=lambda event, **values: told.append(event.value), next_row=next_row, program_sent=False, state=State.at_start(lent=True)
+    )
+    return taking, arm, told
 
 
 def test_an_arm_that_was_taken_is_told_before_anything_else_may_fail():
@@ -195,9 +202,9 @@ def test_an_arm_that_was_taken_is_told_before_anything_else_may_fail():
     def next_row():
         raise StreamFailure("stalled", "no new data from the controller")
 
-    arm, told = lent_arm(SimpleNamespace(taken=True, take=lambda number: None), next_row)
+    taking, arm, told = lending(SimpleNamespace(taken=True, take=lambda number: None), next_row)
     with pytest.raises(StreamFailure, match="no new data"):
-        borrow.take_offered(arm, 7)
+        taking.take_offered(arm, 7)
     assert arm.program_sent
     assert told == ["asking", "taken"]
 
@@ -208,9 +215,9 @@ def test_a_connection_that_ends_while_the_arm_is_asked_for_leaves_the_parent_to_
     def next_row():
         raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
 
-    arm, told = lent_arm(SimpleNamespace(taken=False, offered=7, take=lambda number: None), next_row)
+    taking, arm, told = lending(SimpleNamespace(taken=False, offered=7, take=lambda number: None), next_row)
     with pytest.raises(StreamFailure):
-        borrow.take_offered(arm, 7)
+        taking.take_offered(arm, 7)
     assert arm.program_sent
     assert told == ["asking"]
 
@@ -220,8 +227,8 @@ def test_a_node_that_neither_lends_nor_goes_on_is_passed_by_with_its_reason(monk
     monkeypatch.setattr(borrow, "ANSWER_S", 0.02)
     words: list[str] = []
     node = SimpleNamespace(taken=False, offered=7, take=lambda number: words.append("take"), release=lambda: words.append("release"))
-    arm, told = lent_arm(node)
-    assert "is it paused there?" in borrow.take_offered(arm, 7)
+    taking, arm, told = lending(node)
+    assert "is it paused there?" in taking.take_offered(arm, 7)
     assert words == ["take", "release"]  # a program that plays on later lends no arm to nobody
     assert not arm.program_sent
     assert told == ["asking", "not_taken"]
@@ -274,8 +281,7 @@ def test_a_session_that_waits_for_a_node_hears_that_somebody_is_there(monkeypatc
 def test_an_arm_that_was_lent_is_given_back_where_the_parent_says_nothing():
     """It is stopped, or hangs, while the arm stands and the program waits for it."""
     now = borrow.ABSENT_S
-    waits = SimpleNamespace(node=object(), may_go=False, asked_to_stop=None, unheard_s=now + 0.1, seen_at=0.0)
-    waits.outbox = SimpleNamespace(message=lambda kind, **values: None)
+    waits = SimpleNamespace(taking=Lend(), state=State.at_start(lent=True), unheard_s=now + 0.1, seen_at=0.0, say=lambda *_, **__: None)
     with pytest.raises(Stopped, match="late"):
         stream.wait_for_go(waits, [])
     assert borrow.why_not_taken(waits, np.zeros(1), None) == borrow.ABSENT
@@ -287,8 +293,8 @@ def test_an_arm_that_was_lent_is_given_back_where_the_parent_says_nothing():
 def test_a_stop_while_the_arm_is_given_back_is_named_by_its_kind(safety_mode, bits, cause):
     """It pauses the program, which then takes no arm back; only that was told."""
     shown = row(0, runtime_state=4, safety_mode=safety_mode, safety_status_bits=bits)
-    arm, _ = lent_arm(SimpleNamespace(taken=True), lambda: shown)
+    taking, arm, _ = lending(SimpleNamespace(taken=True), lambda: shown)
     arm.seen_at, arm.settings = 0.0, ReplaySettings(host="127.0.0.1")
     with pytest.raises(StreamFailure, match="did not take its arm back") as found:
-        borrow.wait_until_taken_back(arm, arm.node)
+        borrow.wait_until_taken_back(arm, taking.node)
     assert found.value.cause == cause

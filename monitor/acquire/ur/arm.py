@@ -1,25 +1,26 @@
 """The arm as the streaming process holds it: both ur-rtde connections, and the fixed order of one cycle.
 
 A cycle takes one complete, new row, checks everything that may be wrong, and sends one target. What is wrong is raised as a
-`StreamFailure` with its cause; after that nobody may call ur-rtde again.
+`StreamFailure` with its cause; after that nobody may call ur-rtde again. How the arm is taken and given up is behind `TakesTheArm`.
 """
 
 import math
 import time
 from collections import deque
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 import numpy as np
 
 from monitor.acquire.child import Lifeline, Outbox
 from monitor.acquire.driver import ReplayTask
+from monitor.acquire.protocol import Event, State
 from monitor.acquire.rows import COLUMN
+from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand
-from monitor.acquire.state import RUNTIME_STOPPED, RUNTIME_STOPPING, arm_state
+from monitor.acquire.state import arm_state
 from monitor.acquire.ur.control import STANDING_S, Control
 from monitor.acquire.ur.failures import CycleGaps, StreamFailure, Tracking, gap_failure, state_failure
-from monitor.acquire.ur.node import VARIABLES, Node
-from monitor.acquire.ur.primary import ProgramMessages
 from monitor.acquire.ur.receive import POLL_S, PacketTiming, TornRow, connect_receiver, read_row
 from monitor.reason import joint_text
 from monitor.recording import Array
@@ -30,33 +31,69 @@ SIGN_OF_LIFE_S = 0.01  # without a row for so long the parent gets another sign:
 SUSPECT_SHARE = 0.8  # of the largest age of a row: from here on a stall is suspected
 TARGET_TICKS = 2.2  # a target may be so many ticks of full speed from the one before: a cycle advances by at most two ticks
 LONGEST_STEP_S = 10.0  # of the controller's clock between two rows of a standing arm; more means that the controller was restarted
-ANSWER_S, ANSWER_TICKS = 0.05, 5.0  # our program answers two to four ticks after its start; the larger of both is the limit
 SPEED_RISE_S = 1.0  # after the start of a program the trajectory limiter reports 0 for 4 to 20 ms
 MOVED_RAD = 0.005  # an arm moved by more between the proof of its approach and its first target would take an unproved path
 UNWATCHED_S = 0.5  # without a word from the parent, which says one every 0.1 s: it is stopped, or hangs, or has no processor time
-UNGUARDED_S = 0.1  # a beat comes back after two ticks; a guard that repeats none for so long does not run
 REASON_READS, REASON_PAUSE_S = 4, 0.005  # how often and how far apart the state is read after a target was refused: two ticks and more
+
+
+class TakesTheArm(Protocol):
+    """One way to take the arm and to give it up: our own program is sent, or a program that plays lends it. All else is the same."""
+
+    variables: tuple[str, ...]  # received beside the rows
+    anywhere: bool  # the arm may be given up wherever it rests; False: only where it was taken
+    absent_s: float  # an arm that waits for GO is given up where the parent says nothing for so long
+    in_doubt: bool  # another program than the one that has the arm for us may be what plays
+
+    def prepare(self, arm: "Arm", known: ConditionInputs) -> None:
+        """What must be done before the arm is seen in order. Raises Stopped, MotionRefused, StreamFailure."""
+
+    def kept(self, arm: "Arm") -> AbstractContextManager[None]:
+        """While the arm stands, and computing takes time: whatever refuses the motion or stops it gives the arm up."""
+
+    def connect(self, arm: "Arm") -> None:
+        """Open the control connection after GO, where `prepare` has not. Raises RobotUnreachable, MotionRefused."""
+
+    def take_control(self, arm: "Arm") -> None:
+        """Make the arm take targets, and prove what stops it if this process dies. Raises StreamFailure, Stopped, MotionRefused."""
+
+    def guard(self, arm: "Arm") -> None:
+        """From now on something else than this process stops the arm where targets do not come. Raises StreamFailure."""
+
+    def failure(self, arm: "Arm", found: StreamFailure | None) -> StreamFailure | None:
+        """The more telling of what the controller's state says (`found`) and why the arm is not ours any longer; None: all is in order."""
+
+    def beat(self) -> None:
+        """Say once more that the arm is watched: with each target, and with each row while it stands. Raises StreamFailure."""
+
+    def beats(self) -> AbstractContextManager[None]:
+        """Say so while this process computes or waits for one answer; the arm stands."""
+
+    def give_up(self, arm: "Arm") -> None:
+        """Give the arm up, at rest for good and without a stream of targets. Raises StreamFailure where that is not seen to have worked."""
+
+    def leave_nothing_behind(self, arm: "Arm", failure: StreamFailure) -> None:
+        """After a failure: end what nobody else would end. Raises StreamFailure."""
 
 
 class Arm:
     """Both connections to the controller, and what one cycle does with them."""
 
-    def __init__(self, task: ReplayTask, outbox: Outbox, lifeline: Lifeline) -> None:
+    def __init__(self, task: ReplayTask, outbox: Outbox, lifeline: Lifeline, taking: TakesTheArm) -> None:
         """Connect the receiver. Raises RuntimeError as ur-rtde does."""
+        self.taking = taking
+        self.state = State.at_start(lent=task.settings.lent is not None).after(Event.CONNECT)
         self.settings, self.robot = task.settings, task.robot
         self.payload_kg = task.context.payload_kg
         self.proved_q: Array | None = None  # (J,) [rad] the position from which the way to the start was proved clear
         self.tick_s = 1.0 / self.settings.rate_hz
         self.outbox, self.lifeline = outbox, lifeline
-        lent = self.settings.lent is not None
-        self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz, VARIABLES if lent else ())
-        self.control: Control | None = None
-        self.node: Node | None = None  # of the program that lends the arm
+        self.receive, self.signals = connect_receiver(self.settings.host, self.settings.rate_hz, taking.variables)
+        self.connection: Control | None = None
         self.seen_at = self._checked_at = time.monotonic()  # [s] when the last row was read, and when the next check for a row was due
         self.gaps = CycleGaps()
         self._told_at = 0.0  # [s] when the parent last heard from this process
         self._sent_at = 0.0  # [s] when the last target was sent
-        self._moving = False  # targets are sent: every gap counts
         self._timestamp_s = self.receive.getTimestamp()
         self._timing = PacketTiming(timestamp_s=self._timestamp_s, offset_s=self.seen_at - self._timestamp_s)
         self._tracking = Tracking(
@@ -64,13 +101,9 @@ class Arm:
         )
         self.step_s = 0.0  # controller's time between the last two rows
         self.recent: deque[Array] = deque(maxlen=RECENT_TARGETS)
-        self.program_sent = False  # a program of ours may run
-        self.messages = ProgramMessages()  # which programs start and end; `connect_control` begins to read them
-        self.in_doubt = False  # another program than ours may be what plays
-        self.asked_to_stop: str | None = None  # the cause, once a stop was asked for
-        self.bring_back = False  # asked so that a lent arm may go back over the way it came, and be given back
+        self.program_sent = False  # a program with our commands may run
+        self.stop_cause = "parent_asked_to_stop"  # why the arm was ordered to rest, where it was
         self._heard_at = time.monotonic()  # when the parent last said anything
-        self.may_go = False
         self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
         self.missed = self.torn = 0  # ticks without a target; rows that were read again
         self.slipped_s = 0.0  # delay of the motion behind its plan
@@ -89,46 +122,36 @@ class Arm:
         self.proved_q = target_q.copy()
         self.note_busy()  # the proof takes longer than a row may be old
 
-    def connect_control(self) -> None:
+    def connect_control(self, *, lent: bool) -> None:
         """Open the control connection. From now on this process opens no other.
 
         Raises RobotUnreachable, or MotionRefused where another client controls the arm.
         """
-        if self.settings.lent is not None:
-            self.node = Node(self.settings.host, self.receive)
-        else:
-            self.messages = ProgramMessages.of(self.settings.host)
-        self.control = Control(self.settings.host, self.settings.rate_hz, lent=self.node is not None)
+        self.connection = Control(self.settings.host, self.settings.rate_hz, lent=lent)
         self.note_busy()  # the constructor takes some tenths of a second
         self.control.report()
+
+    @property
+    def control(self) -> Control:
+        """The control connection, which must be open."""
+        assert self.connection is not None
+        return self.connection
+
+    def say(self, event: Event, **content: Any) -> None:
+        """Do what the protocol calls by this name, and tell the parent."""
+        self.state = self.state.after(event)
+        self.outbox.message(event, **content)
+
+    def obey(self, event: Event, cause: str = "parent_asked_to_stop") -> None:
+        """Take an order. One that has crossed with what this process did since is void."""
+        if self.state.allows(event):
+            self.state = self.state.after(event)
+            self.stop_cause = cause
 
     def fresh_row(self) -> Array:
         """A row (WIDTH,) that came while this process waited for it: at most one tick old."""
         self.next_row()
         return self.next_row()
-
-    def set_watchdog(self) -> None:
-        """Set the watchdog; only our program acknowledges it. From now on a target must come in time.
-
-        Raises StreamFailure where it is not acknowledged, or so late that somebody else's program must have run until then.
-        """
-        since_s = time.monotonic()
-        if not self._control.set_watchdog(self.settings.watchdog_hz):
-            raise self._not_watched()
-        self.note_busy()
-        took_s = self.seen_at - since_s
-        if took_s > max(ANSWER_S, ANSWER_TICKS * self.tick_s):
-            text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
-            raise StreamFailure("no_control", text)
-
-    def _not_watched(self) -> StreamFailure:
-        """Why the watchdog was not accepted: our program has ended, or another has taken its place, or it is there and refuses."""
-        failure = self.refusal()
-        if self.receive.getRuntimeState() in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
-            self.program_sent = False  # it was seen to run before: it has ended, and what runs next is another
-        if failure.cause == "servo_refused":
-            failure = StreamFailure("no_watchdog", "the controller did not accept the watchdog", ours=self.messages.open)
-        return self.replaced() or failure
 
     def wait_for_full_speed(self) -> None:
         """Wait until the controller's own limiter lets the program play at full speed. Raises StreamFailure where it does not."""
@@ -141,7 +164,7 @@ class Arm:
                 return
 
     def begin(self) -> Array:
-        """Set the watchdog and begin to send targets. Returns the position (J,) in which the arm stands, as the controller's target.
+        """Begin to send targets. Returns the position (J,) in which the arm stands, as the controller's target.
 
         Raises StreamFailure.
         """
@@ -151,38 +174,27 @@ class Arm:
         if not np.all(moved <= MOVED_RAD):
             j = int(np.argmax(moved))
             raise StreamFailure("no_control", f"{joint_text(j + 1)} was moved by {moved[j]:.3f} rad since the way to the start was proved")
-        if self.node is None:  # a watchdog would outlive the node, and stop the program after it; the node has a guard of its own
-            self.set_watchdog()
+        self.taking.guard(self)
         self.recent.append(begin_q)
         self.note_busy()
         self.gaps.clear()  # proofs and the upload took their time before anything moved
-        self._moving, self._sent_at, self._heard_at = True, self.seen_at, self.seen_at
-        self._control.report_every(self.settings.max_timestamp_age_s + DEAD_MAN_MARGIN_S)
+        self._sent_at = self._heard_at = self.seen_at
+        self.control.report_every(self.settings.max_timestamp_age_s + DEAD_MAN_MARGIN_S)
         return begin_q
 
     def rest(self) -> None:
         """Note that the arm has come to rest for good: no more targets are sent."""
-        self._moving = False
-        self._control.report_every(STANDING_S)
+        self.control.report_every(STANDING_S)
 
     @property
     def unheard_s(self) -> float:
         """For how long the parent has said nothing."""
         return time.monotonic() - self._heard_at
 
-    def beats(self) -> AbstractContextManager[None]:
-        """Let a lent arm, which stands, be known as watched while this process computes."""
-        return nullcontext() if self.node is None else self.node.beating()
-
-    @property
-    def _control(self) -> Control:
-        assert self.control is not None
-        return self.control
-
     @property
     def _cut(self) -> bool:
         """Whether one of the connections has come to its end."""
-        return not self.receive.isConnected() or (self.control is not None and not self.control.connected)
+        return not self.receive.isConnected() or (self.connection is not None and not self.connection.connected)
 
     def count_cycle(self, advance_s: float) -> None:
         """Count the ticks that this cycle missed, and the time by which the motion fell behind because it advanced by advance_s only."""
@@ -204,7 +216,7 @@ class Arm:
             self._checked_at = now
             if self._cut:
                 raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
-            if self._moving and now - before_s >= limit_s:
+            if self.state.streams and now - before_s >= limit_s:
                 raise gap_failure(now - before_s, longest_s, limit_s)
             if self.receive.getTimestamp() != self._timestamp_s:
                 break
@@ -227,16 +239,16 @@ class Arm:
         self.step_s = timestamp_s - self._timestamp_s
         self._timestamp_s = timestamp_s
         self.gaps.add(self.seen_at, self.step_s)
-        if not 0.0 < self.step_s < LONGEST_STEP_S or (self._moving and self.step_s >= self.seen_at - before_s + limit_s):
+        if not 0.0 < self.step_s < LONGEST_STEP_S or (self.state.streams and self.step_s >= self.seen_at - before_s + limit_s):
             raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
-        if self._moving and self.step_s >= limit_s:
+        if self.state.streams and self.step_s >= limit_s:
             raise StreamFailure("stalled", f"the controller's data has a gap of {1000 * self.step_s:.0f} ms")
-        if self.control is not None:
-            self.control.report()
-            if not self._moving:
+        if self.connection is not None:
+            self.connection.report()
+            if not self.state.streams:
                 self._tell_if_due(self.seen_at)
-        if self.node is not None and not self._moving:
-            self.node.beat()
+        if not self.state.streams:
+            self.taking.beat()
         return row
 
     def _sleep(self) -> None:
@@ -255,7 +267,7 @@ class Arm:
         """
         self._listen_to_parent()
         settings = self.settings
-        failure = self.replaced() or state_failure(arm_state(row), settings, self.payload_kg) or self._node_failure()
+        failure = self.taking.failure(self, state_failure(arm_state(row), settings, self.payload_kg))
         failure = failure or self._tracking.failure(
             row[COLUMN["actual_q"]],
             row[COLUMN["target_q"]],
@@ -270,8 +282,8 @@ class Arm:
             failure = StreamFailure(*outside)
         if failure:
             raise failure
-        if self.asked_to_stop is None and not self._permitted(row):
-            self.asked_to_stop = "permit_withdrawn"
+        if not self.state.must_rest and not self._permitted(row):
+            self.obey(Event.STOP, "permit_withdrawn")
         last = self.recent[-1]
         allowed = self.robot.max_speed_rad_s * TARGET_TICKS * self.tick_s + 1e-6  # (J,) [rad], with rounding
         if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.robot.reach_rad)):
@@ -281,31 +293,13 @@ class Arm:
         gap_s = time.monotonic() - self._sent_at
         if gap_s >= settings.max_timestamp_age_s:
             raise StreamFailure("late", f"{1000 * gap_s:.0f} ms after the last target: this process got no processor time")
-        if not self._control.servo(target, self.tick_s, settings.lookahead_s, settings.gain):
+        if not self.control.servo(target, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.refusal()
-        if self.node is not None:
-            self.node.beat()  # each target is a beat, and nothing else is while the arm moves
+        self.taking.beat()  # each target is a beat, and nothing else is while the arm moves
         self._sent_at = time.monotonic()
         self.gaps.add(self._sent_at, gap_s)
         self.recent.append(target)
         row[COLUMN["commanded_q"]] = target
-
-    def replaced(self) -> StreamFailure | None:
-        """The failure where another program has started since ours did; None where the controller tells none."""
-        if not (names := self.messages.started()):
-            return None
-        self.program_sent = False  # a controller runs one program: ours has ended
-        return StreamFailure("program_stopped", f"somebody else's program {names[-1]!r} was started in the place of ours", ours=False)
-
-    def _node_failure(self) -> StreamFailure | None:
-        """Why a lent arm must stop: the node does not lend it any longer, or its guard does not watch it; None where all is in order."""
-        if self.node is None:
-            return None
-        if not self.node.taken:
-            return StreamFailure("program_stopped", f"the program's node has taken the arm back (state {self.node.state})")
-        if (silent_s := self.node.silent_s(self.seen_at)) > UNGUARDED_S:
-            return StreamFailure("no_watchdog", f"the guard of the program's node has repeated no beat for {1000 * silent_s:.0f} ms")
-        return None
 
     def _permitted(self, row: Array) -> bool:
         """Whether the digital input that gives the permit is on; True where none is configured, False where it is not reported."""
@@ -322,10 +316,10 @@ class Arm:
 
     def _tell_if_due(self, now: float) -> None:
         """A sign of life where the next row is late. Before the arm moves it says too that what runs now is ours."""
-        if self.control is None or now - self._told_at <= SIGN_OF_LIFE_S:
+        if self.connection is None or now - self._told_at <= SIGN_OF_LIFE_S:
             return
         self._told_at = now
-        if self._moving or self.in_doubt:
+        if self.state.streams or self.taking.in_doubt:
             self.outbox.waiting()
         else:
             self.outbox.alive()
@@ -358,9 +352,7 @@ class Arm:
         word = self.lifeline.word()
         if word is not None:
             self._heard_at = time.monotonic()
-        elif self._moving and self.asked_to_stop is None and self.unheard_s > UNWATCHED_S:
-            self.asked_to_stop = "late"  # the parent asks whether motion is still allowed: without it nobody does
-        if word in {"stop", "back"}:
-            self.asked_to_stop, self.bring_back = "parent_asked_to_stop", word == "back"
-        elif word == "go":
-            self.may_go = True
+        elif self.state.streams and not self.state.must_rest and self.unheard_s > UNWATCHED_S:
+            self.obey(Event.STOP, "late")  # the parent asks whether motion is still allowed: without it nobody does
+        if word in {Event.GO, Event.BACK, Event.STOP}:
+            self.obey(Event(word))

@@ -1,11 +1,13 @@
 """Universal Robots behind the room's `Driver`: ur-rtde in child processes; dashboard server, Robot API and a look over plain sockets."""
 
+import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
 from monitor.acquire.child import Child
 from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
+from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur import conversation, primary
 from monitor.acquire.ur.node_script import OFFER, VERSION
@@ -15,6 +17,36 @@ from monitor.acquire.ur.rtde import Listening, observe, output_integers, softwar
 from monitor.errors import RobotUnreachable
 
 REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds
+
+
+CALL_SILENCE_S = 0.08  # a call that blocks ends the process 0.06 s after its last sign of life, a lack of processor time after 0.1 s
+CONNECTION_WORDS = (  # what ur-rtde and the libraries below it print when a connection breaks off
+    "Robot closed the connection",
+    "Robot is disconnected",
+    "Lost connection to robot",
+    "Connection reset by peer",
+    "Broken pipe",
+    "End of file",
+    "boost::system::system_error",
+)
+
+
+def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interruption:
+    """Why a session's process ended without a last word; it had been silent for silent_s before.
+
+    The process lets the kernel end it where it would open a new connection (SIGSYS), and where it does not report in time (SIGALRM).
+    ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset, or blocks; what it `printed` says so.
+    """
+    if exit_code < 0 and any(word in printed for word in CONNECTION_WORDS):
+        return Interruption("connection_lost", "the RTDE connection broke off, and its library aborted or blocked")
+    if exit_code == -signal.SIGSYS:
+        return Interruption("connection_lost", "the RTDE connection broke off, and its library was kept from connecting again")
+    if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:
+        return Interruption("stalled", "the controller did not take a target in time")
+    if exit_code == -signal.SIGALRM:
+        return Interruption("late", f"the streaming process got no processor time for {1000.0 * silent_s:.0f} ms")
+    how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
+    return Interruption("child_died", f"the child process ended {how}")
 
 
 class NodeSays(NamedTuple):
@@ -74,6 +106,10 @@ class UniversalRobots:
     def stream(self, task: ReplayTask) -> Session:
         """A process that plays one replay once it is told `go`."""
         return Child("monitor.acquire.ur.stream", job_document(task))
+
+    def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
+        """Why a session's process ended without a last word."""
+        return cause_of_death(exit_code, silent_s, printed)
 
     def safety_stop(self, host: str) -> SafetyStop | None:
         """The stop that the controller's safety system holds; None where there is none, or where the controller does not tell."""

@@ -28,7 +28,11 @@ class StreamFailure(Exception):
 
 
 class Stopped(Exception):
-    """A stop was asked for, and the arm stands. Its argument is the cause where that is not the request."""
+    """A stop was asked for, for this cause, and the arm stands."""
+
+    def __init__(self, cause: str = "parent_asked_to_stop") -> None:
+        super().__init__(cause)
+        self.cause = cause
 
 
 def state_failure(

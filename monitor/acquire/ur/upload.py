@@ -6,10 +6,15 @@ or by a pause of what plays, and where it only waited, by its name: the controll
 ends then, and a person is asked to start the other one again.
 """
 
+import math
 import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 import numpy as np
 
+from monitor.acquire.protocol import Event
+from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import (
     RUNTIME_PAUSED,
     RUNTIME_PAUSING,
@@ -22,8 +27,8 @@ from monitor.acquire.state import (
     arm_state,
 )
 from monitor.acquire.ur.arm import Arm
-from monitor.acquire.ur.control import Control
 from monitor.acquire.ur.failures import StreamFailure, state_failure
+from monitor.acquire.ur.primary import ProgramMessages
 
 NAME = "rtde_control"  # of ur-rtde's program, in its first line
 ALONE_S = 0.12  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
@@ -34,56 +39,185 @@ ANSWERS_S = 0.05  # after its start our program takes a command
 PAUSES = frozenset({"late", "stalled"})  # causes after which the same connections may go on
 AGAIN_S = 1.0  # data that paused for longer does not come back in time
 END_S = 1.0  # our program ends so soon after it was asked to
+WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
+WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
+ANSWER_S, ANSWER_TICKS = 0.05, 5.0  # our program answers two to four ticks after its start; the larger of both is the limit
+END_CHECKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end at the end of the replay gets 1 s
 
 
-def start_program(arm: Arm) -> None:
-    """Send the control program over nothing that runs, and wait until it runs and nothing else did meanwhile.
+class Upload:
+    """Our own program takes the arm: it is sent over nothing that runs, and its watchdog stops the arm where targets do not come."""
 
-    Raises StreamFailure: `no_control` where our program does not run, or where another one may run; `connection_lost` where it cannot be
-    sent; `program_replaced` where ours has taken the place of another and has ended.
-    """
-    control = arm.control
-    assert control is not None
-    runtime = arm_state(arm.fresh_row()).runtime_state
-    if runtime != RUNTIME_STOPPED:
-        raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
-    if control.program_runs():
-        raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
-    if arm.messages.started() and (name := arm.messages.running) not in (None, NAME):
-        raise StreamFailure("no_control", f"somebody else's program {name!r} has started; nothing was sent")
-    if not control.can_upload:  # ur-rtde would send it to nobody
-        raise StreamFailure("connection_lost", "the controller closed the connection on which programs are sent; nothing was sent")
-    arm.messages.mistake = ""
-    arm.program_sent = True
-    if not control.upload():
-        raise StreamFailure("no_control", "the control program could not be sent")
-    arm.note_busy()
-    _Beginning(arm, control).follow()
+    variables: tuple[str, ...] = ()
+    anywhere = True
+    absent_s = math.inf  # nobody waits for the arm
+
+    def __init__(self) -> None:
+        self.messages = ProgramMessages()  # which programs start and end; `connect` begins to read them
+        self.in_doubt = False
+
+    def prepare(self, arm: Arm, known: ConditionInputs) -> None:
+        """Nothing: no connection that could move the arm is held while people are asked."""
+
+    @contextmanager
+    def kept(self, arm: Arm) -> Iterator[None]:  # noqa: ARG002 - there is nothing to give up
+        """Nothing."""
+        yield
+
+    def connect(self, arm: Arm) -> None:
+        """Open the control connection, and the one that tells which programs start."""
+        self.messages = ProgramMessages.of(arm.settings.host)
+        arm.connect_control(lent=False)
+
+    def take_control(self, arm: Arm) -> None:
+        """Start our program twice: the first shows that its watchdog ends it, the second gets the targets."""
+        arm.say(Event.CONTROL, duration_s=0.0)
+        self.start_program(arm)
+        self.prove_watchdog(arm)
+        self.start_program(arm)
+        arm.control.end_uploads()
+        arm.wait_for_full_speed()
+
+    def start_program(self, arm: Arm) -> None:
+        """Send the control program over nothing that runs, and wait until it runs and nothing else did meanwhile.
+
+        Raises StreamFailure: `no_control` where our program does not run, or where another may; `connection_lost` where it cannot be
+        sent; `program_replaced` where ours has taken the place of another and has ended.
+        """
+        control = arm.control
+        runtime = arm_state(arm.fresh_row()).runtime_state
+        if runtime != RUNTIME_STOPPED:
+            raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
+        if control.program_runs():
+            raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
+        if self.messages.started() and (name := self.messages.running) not in (None, NAME):
+            raise StreamFailure("no_control", f"somebody else's program {name!r} has started; nothing was sent")
+        if not control.can_upload:  # ur-rtde would send it to nobody
+            raise StreamFailure("connection_lost", "the controller closed the connection on which programs are sent; nothing was sent")
+        self.messages.mistake = ""
+        arm.program_sent = True
+        if not control.upload():
+            raise StreamFailure("no_control", "the control program could not be sent")
+        arm.note_busy()
+        _Beginning(arm, self).follow()
+
+    def prove_watchdog(self, arm: Arm) -> None:
+        """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
+
+        Raises StreamFailure where the program goes on, or ends for another reason.
+        """
+        control = arm.control
+        self.guard(arm)
+        period_s = 1.0 / arm.settings.watchdog_hz
+        row = arm.next_row()
+        since_s, state = float(row[0]), arm_state(row)
+        while state.runtime_state == RUNTIME_PLAYING:
+            if failure := self.replaced(arm):
+                raise failure
+            if row[0] - since_s > period_s + WATCHDOG_LATE_S:
+                # where the controller tells no names it may be another one by now, which nobody of us may stop
+                raise StreamFailure(
+                    "no_watchdog", f"without targets the program went on for {row[0] - since_s:.2f} s", ours=self.messages.open
+                )
+            if failure := state_failure(state, arm.settings, arm.payload_kg, up_to_speed=False):
+                raise failure
+            row = arm.next_row()
+            state = arm_state(row)
+        took_s = row[0] - since_s
+        if took_s < WATCHDOG_EARLY_SHARE * period_s - arm.tick_s:
+            text = f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s"
+            arm.program_sent = state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}
+            raise StreamFailure("program_stopped", text, ours=False)  # what plays from now on is another
+        while state.runtime_state != RUNTIME_STOPPED or control.program_runs():
+            if failure := self.replaced(arm):
+                raise failure
+            if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
+                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+                text = f"without targets the program is {name}; expected stopped"
+                raise StreamFailure("no_watchdog", text, ours=state.runtime_state != RUNTIME_PLAYING)  # it ended: what plays now is another
+            row = arm.next_row()
+            state = arm_state(row)
+        arm.program_sent = False
+
+    def guard(self, arm: Arm) -> None:
+        """Set the watchdog; only our program acknowledges it. From now on a target must come in time.
+
+        Raises StreamFailure where it is not acknowledged, or so late that somebody else's program must have run until then.
+        """
+        since_s = time.monotonic()
+        if not arm.control.set_watchdog(arm.settings.watchdog_hz):
+            raise self._not_watched(arm)
+        arm.note_busy()
+        took_s = arm.seen_at - since_s
+        if took_s > max(ANSWER_S, ANSWER_TICKS * arm.tick_s):
+            text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
+            raise StreamFailure("no_control", text)
+
+    def _not_watched(self, arm: Arm) -> StreamFailure:
+        """Why the watchdog was not accepted: our program has ended, or another has taken its place, or it is there and refuses."""
+        failure = arm.refusal()
+        if arm.receive.getRuntimeState() in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
+            arm.program_sent = False  # it was seen to run before: it has ended, and what runs next is another
+        if failure.cause == "servo_refused":
+            failure = StreamFailure("no_watchdog", "the controller did not accept the watchdog", ours=self.messages.open)
+        return self.replaced(arm) or failure
+
+    def replaced(self, arm: Arm) -> StreamFailure | None:
+        """The failure where another program has started since ours did; None where the controller tells none."""
+        if not (names := self.messages.started()):
+            return None
+        arm.program_sent = False  # a controller runs one program: ours has ended
+        return StreamFailure("program_stopped", f"somebody else's program {names[-1]!r} was started in the place of ours", ours=False)
+
+    def failure(self, arm: Arm, found: StreamFailure | None) -> StreamFailure | None:
+        """Another program before all else: what the state says then is said of that one."""
+        return self.replaced(arm) or found
+
+    def beat(self) -> None:
+        """Nothing: the targets are what the watchdog waits for."""
+
+    def beats(self) -> AbstractContextManager[None]:
+        """Nothing."""
+        return nullcontext()
+
+    def give_up(self, arm: Arm) -> None:
+        """End our program. Raises StreamFailure where it goes on, or where nobody says that it ended."""
+        control = arm.control
+        control.end_program()
+        for _ in range(END_CHECKS):
+            if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
+                return
+            if not (arm.receive.isConnected() and control.connected):
+                text = "the controller closed the RTDE connection before it said that the program has ended"
+                raise StreamFailure("connection_lost", text)
+            control.report()
+            time.sleep(END_PAUSE_S)
+        raise StreamFailure("program_stopped", "the control program still runs although it was asked to end")
+
+    def leave_nothing_behind(self, arm: Arm, failure: StreamFailure) -> None:
+        """End our program where this process or the data was late before any target was sent: it may have no watchdog yet.
+
+        Only the command of our own program's end is sent, and only over sound connections on which data comes. Raises StreamFailure where
+        none comes within AGAIN_S, or where a connection is lost.
+        """
+        standing = arm.program_sent and not arm.recent and not self.in_doubt
+        if not (failure.cause in PAUSES and failure.ours and standing):
+            return
+        arm.note_busy()
+        since_s = arm.seen_at
+        while True:
+            try:
+                arm.fresh_row()
+                break
+            except StreamFailure as again:
+                if again.cause not in PAUSES or time.monotonic() - since_s > AGAIN_S:
+                    raise
+        _end_ours(arm)
 
 
-def leave_nothing_behind(arm: Arm, failure: StreamFailure) -> None:
-    """End our program where this process or the data was late before any target was sent: it may have no watchdog, and nobody else ends it.
-
-    Only the command of our own program's end is sent, and only over sound connections on which data comes. Raises StreamFailure where it
-    does not come within AGAIN_S, or where a connection is lost.
-    """
-    standing = arm.program_sent and not arm.recent and not arm.in_doubt and arm.node is None
-    if not (failure.cause in PAUSES and failure.ours and standing and arm.control is not None):
-        return
-    arm.note_busy()
-    since_s = arm.seen_at
-    while True:
-        try:
-            arm.fresh_row()
-            break
-        except StreamFailure as again:
-            if again.cause not in PAUSES or time.monotonic() - since_s > AGAIN_S:
-                raise
-    _end_ours(arm, arm.control)
-
-
-def _end_ours(arm: Arm, control: Control) -> bool:
+def _end_ours(arm: Arm) -> bool:
     """Ask our program to end, and see that none runs; False where one goes on. Raises StreamFailure."""
+    control = arm.control
     control.end_program()
     arm.note_busy()
     asked_s = arm.seen_at
@@ -97,8 +231,8 @@ def _end_ours(arm: Arm, control: Control) -> bool:
 class _Beginning:
     """The beginning of our program, from its upload on."""
 
-    def __init__(self, arm: Arm, control: Control) -> None:
-        self._arm, self._control = arm, control
+    def __init__(self, arm: Arm, upload: Upload) -> None:
+        self._arm, self._control, self._upload = arm, arm.control, upload
         self._sent_s = arm.seen_at
         self._begun_s: float | None = None  # when something played first, on the controller's clock
         self._names: list[str] = []  # of the programs that have started since
@@ -111,7 +245,7 @@ class _Beginning:
             state = arm_state(row)
             if failure := state_failure(state, arm.settings, arm.payload_kg, playing=False, up_to_speed=False):
                 raise failure
-            self._names += arm.messages.started()
+            self._names += self._upload.messages.started()
             if state.runtime_state == RUNTIME_PLAYING and self._begun_s is None:
                 self._begun_s = float(row[0])
             if self._ours_runs and self._names == [NAME] and state.runtime_state in {RUNTIME_PAUSING, RUNTIME_PAUSED}:
@@ -141,10 +275,10 @@ class _Beginning:
         """Whether our program has run long enough, and its name was told where the controller tells names."""
         if self._begun_s is None or now_s - self._begun_s < ALONE_S or not self._control.program_runs():
             return False
-        if self._arm.messages.open and not self._names:
+        if self._upload.messages.open and not self._names:
             if now_s - self._begun_s < ALONE_S + MESSAGE_S:
                 return False
-            self._arm.messages.close()  # this controller tells no names
+            self._upload.messages.close()  # this controller tells no names
         return True
 
     def _give_way(self, sign: StreamFailure) -> None:
@@ -153,12 +287,12 @@ class _Beginning:
         Nothing is sent before the controller says by name that ours is what runs now.
         """
         arm = self._arm
-        arm.in_doubt = True
+        self._upload.in_doubt = True
         since_s = arm.seen_at
-        while arm.messages.open and arm.seen_at - since_s < REPLACED_S:
-            if self._names == [NAME] and arm.messages.running is None:
+        while self._upload.messages.open and arm.seen_at - since_s < REPLACED_S:
+            if self._names == [NAME] and self._upload.messages.running is None:
                 raise StreamFailure("no_control", f"the control program began, and has ended{self._mistake}", ours=False)
-            if NAME in self._names and arm.messages.running not in (NAME, None):
+            if NAME in self._names and self._upload.messages.running not in (NAME, None):
                 arm.program_sent = False  # a controller runs one program: ours has ended
                 raise sign
             if self._ours_runs and self._names != [NAME] and self._ended():
@@ -180,7 +314,7 @@ class _Beginning:
             self._next()
             if not self._ours_runs or arm.seen_at - began_s > END_S:
                 return False
-        if not _end_ours(arm, self._control):
+        if not _end_ours(arm):
             text = f"the program {self._others} was replaced by ours, which does not end: look at the arm and start {self._others} again"
             raise StreamFailure("program_replaced", text, ours=False)
         return True
@@ -188,18 +322,18 @@ class _Beginning:
     def _next(self) -> ArmState:
         """The next row's state, with the programs that have started until then noted."""
         state = arm_state(self._arm.next_row())
-        self._names += self._arm.messages.started()
+        self._names += self._upload.messages.started()
         return state
 
     @property
     def _ours_runs(self) -> bool:
         """Whether the controller says by name that our program is the one that started last and has not ended."""
-        return self._names[-1:] == [NAME] and self._arm.messages.running == NAME
+        return self._names[-1:] == [NAME] and self._upload.messages.running == NAME
 
     @property
     def _mistake(self) -> str:
         """What the controller says against our program, as the end of a sentence; empty where it says nothing."""
-        said = self._arm.messages.mistake
+        said = self._upload.messages.mistake
         return f"; the controller says: {said}" if said else ""
 
     @property
@@ -207,45 +341,3 @@ class _Beginning:
         """The names of the programs that are not ours, for a person."""
         names = [name for name in self._names if name != NAME] or self._names[:1]
         return " and ".join(repr(name) for name in dict.fromkeys(names))
-
-
-WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog says is not watched
-WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
-
-
-def prove_watchdog(arm: Arm) -> None:
-    """Set the watchdog, send nothing, and see the controller end the program in time; the arm stands meanwhile.
-
-    Raises StreamFailure where the program goes on, or ends for another reason.
-    """
-    control = arm.control
-    assert control is not None
-    arm.set_watchdog()
-    period_s = 1.0 / arm.settings.watchdog_hz
-    row = arm.next_row()
-    since_s, state = float(row[0]), arm_state(row)
-    while state.runtime_state == RUNTIME_PLAYING:
-        if failure := arm.replaced():
-            raise failure
-        if row[0] - since_s > period_s + WATCHDOG_LATE_S:
-            # where the controller tells no names it may be another one by now, which nobody of us may stop
-            raise StreamFailure("no_watchdog", f"without targets the program went on for {row[0] - since_s:.2f} s", ours=arm.messages.open)
-        if failure := state_failure(state, arm.settings, arm.payload_kg, up_to_speed=False):
-            raise failure
-        row = arm.next_row()
-        state = arm_state(row)
-    took_s = row[0] - since_s
-    if took_s < WATCHDOG_EARLY_SHARE * period_s - arm.tick_s:
-        text = f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s"
-        arm.program_sent = state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}
-        raise StreamFailure("program_stopped", text, ours=False)  # what plays from now on is another
-    while state.runtime_state != RUNTIME_STOPPED or control.program_runs():
-        if failure := arm.replaced():
-            raise failure
-        if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
-            name = RUNTIME_STATES.get(state.runtime_state, "unknown")
-            text = f"without targets the program is {name}; expected stopped"
-            raise StreamFailure("no_watchdog", text, ours=state.runtime_state != RUNTIME_PLAYING)  # it ended: what plays now is another
-        row = arm.next_row()
-        state = arm_state(row)
-    arm.program_sent = False
