@@ -141,7 +141,7 @@ def test_a_dead_child_in_local_control_stops_arm_and_program(cell):
     def kill(at: ReplayProgress) -> None:
         if at.phase == "play" and at.elapsed_s > 0.6 and not killed:
             killed.append(cell.truth["clock_s"])
-            os.kill(children(naming="monitor.acquire.ur.stream")[0], signal.SIGKILL)
+            os.kill(children(naming="monitor.acquire.ur")[0], signal.SIGKILL)
 
     with pytest.raises(ReplayAborted) as ended:
         replay(short(), UR5, cell.settings(), caller=Caller(on_progress=kill))
