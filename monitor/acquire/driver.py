@@ -5,9 +5,11 @@ maker's library holds it, because such a library may crash or hang; the session'
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
+import importlib
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -33,6 +35,53 @@ class SafetyStop(NamedTuple):
 
     cause: str  # protective_stop, safeguard_stop, emergency_stop or safety
     text: str
+
+
+class ReportedError(NamedTuple):
+    """An error that the controller has reported."""
+
+    code: str  # as the pendant writes it, e.g. C153A2
+    joint: int | None  # from 1, where the code tells it
+
+
+class ReportedMode(NamedTuple):
+    """The safety mode has changed to this one."""
+
+    mode: int
+
+
+Reported = ReportedError | ReportedMode
+
+
+class ErrorLink(Protocol):
+    """A connection on which the controller reports its errors and its safety mode."""
+
+    def poll(self) -> Sequence[Reported]:
+        """What has come since the last call, oldest first; nothing while nobody answers."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
+class NodeSays(NamedTuple):
+    """What a node that lends the arm leaves in the controller's registers."""
+
+    version: int  # of its text; 0: no node of ours was played
+    reached: int  # how often one was reached, also while nothing was due
+
+
+class NodeServer(Protocol):
+    """Serves the text of a program's node, as long as it is open."""
+
+    @property
+    def port(self) -> int:
+        """The port that was bound."""
+
+    def serve(self, text: str) -> None:
+        """Serve another text from now on."""
+
+    def close(self) -> None:
+        """Stop listening."""
 
 
 OurEnd = Literal["ended", "replaced", "not_shown"]  # of our program: another has taken its place; the robot did not show that it has ended
@@ -85,8 +134,20 @@ class Session(Protocol):
 class Driver(Protocol):
     """One make of robots. Every method names the robot by its host, a literal IPv4 address."""
 
+    library: str  # what drives it, with its version: what was made for one is not taken for another
+    no_data: str  # what to look for where the robot answers and sends no data, as a question
+
     def identity(self, host: str) -> Identity:
         """Who the robot says it is. Raises RobotUnreachable."""
+
+    def model_of(self, identity: Identity) -> str | None:
+        """The shipped model that a controller names; None where it names none of them."""
+
+    def currents_and_torques(self, host: str) -> Array | None:
+        """(N, 2, J) rows of a second of currents [A] and torques [N·m]; None where no torque is reported. Raises RobotUnreachable."""
+
+    def errors(self, host: str) -> ErrorLink:
+        """A connection that tells the errors which the controller reports from now on."""
 
     def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
         """The robot's state now, by receiving only; None where no data comes within timeout_s."""
@@ -112,6 +173,24 @@ class Driver(Protocol):
     def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
         """Why a session's process ended without a last word; it had been silent for silent_s, and `printed` this."""
 
+    def lock_sockets(self) -> str | None:
+        """Keep this process from ever opening a connection again, as the streaming process must; why it cannot be done, if so."""
+
+    def node_control(self, host: str) -> str:
+        """The part of a node's text that depends on the controller's software. Raises RobotUnreachable."""
+
+    def node_text(self, control: str, *, version: int = 0) -> str:
+        """The text of a node around that part, which says this version of itself. Raises BadInput where that part is not as expected."""
+
+    def node_says(self, host: str) -> NodeSays | None:
+        """What the node of the program that was played last has left; None where the controller does not answer."""
+
+    def node_server(self, text: str, *, bind: str, port: int) -> NodeServer:
+        """Serve the text to the nodes of programs. Raises BadInput where the address cannot be bound."""
+
+    def node_answer(self, address: str, port: int) -> str | None:
+        """The text that a node gets from this server; None where nobody listens."""
+
     def safety_stop(self, host: str) -> SafetyStop | None:
         """The stop that the robot's safety system holds; None where there is none, or where the robot does not answer."""
 
@@ -126,6 +205,21 @@ class Driver(Protocol):
 
     def stop_program(self, host: str, ours: OurProgram) -> OurEnd:
         """End our program and no other, without any session. Returns how it has ended, as the robot shows it."""
+
+
+MAKES = {"universal_robots": "monitor.acquire.ur.driver"}  # each with the module whose `driver` makes its Driver; a second make is a line
+
+
+def driver_of(make: str, **options: Any) -> Driver:
+    """The driver of a make. Its module is imported only now: every command reads a configuration, few ask a controller."""
+    made: Driver = importlib.import_module(MAKES[make]).driver(**options)
+    return made
+
+
+@cache
+def usual_driver() -> Driver:
+    """The driver of the one make that there is, with its usual ports."""
+    return driver_of(next(iter(MAKES)))
 
 
 def job_document(task: ReplayTask) -> dict[str, Any]:

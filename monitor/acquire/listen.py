@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, Session, SessionEnded
+from monitor.acquire.driver import Driver, Session, SessionEnded, usual_driver
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.errors import BadInput, MotionRefused, RobotUnreachable
 from monitor.recording import Array, Context, Recording
 
@@ -80,8 +79,8 @@ def _live_states(rows: list[Array]) -> list[LiveState]:
 class Listener:
     """The arm's live state, by polling; no thread of its own. Call every method from one thread, which must outlive the listener."""
 
-    def __init__(self, settings: ListenSettings, driver: Driver = UNIVERSAL_ROBOTS) -> None:
-        self._settings, self._driver = settings, driver
+    def __init__(self, settings: ListenSettings, driver: Driver | None = None) -> None:
+        self._settings, self._driver = settings, driver or usual_driver()
         self._session: Session | None = None
         self._latest: LiveState | None = None
         self._wanted = False
@@ -186,7 +185,7 @@ def record(
     should_stop: Callable[[], bool] | None = None,
     startup_timeout_s: float = 10.0,
     on_progress: Callable[[float, int], None] | None = None,
-    driver: Driver = UNIVERSAL_ROBOTS,
+    driver: Driver | None = None,
 ) -> Recording:
     """Listen for so many seconds of the controller's clock, or until `should_stop` returns true; one row a tick.
 
@@ -194,6 +193,7 @@ def record(
 
     Raises RobotUnreachable where fewer than two rows come; MotionRefused where the arm has another serial number than the context.
     """
+    driver = driver or usual_driver()
     identity = driver.identity(host)
     if identity.serial is not None and context.serial is not None and identity.serial != context.serial:
         raise MotionRefused(f"{host}: the controller's serial number is {identity.serial}, expected {context.serial}")

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, ReplayTask
+from monitor.acquire.driver import Driver, ReplayTask, usual_driver
 from monitor.acquire.ending import end_program, how_it_ended
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, conditions, named_conditions, refuse_unless
@@ -22,7 +22,6 @@ from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, r
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import Caller, Watch
 from monitor.errors import RobotUnreachable
 from monitor.model.fourier import Excitation
@@ -39,13 +38,14 @@ def check(
     installation: Installation | None = None,
     last: LastMotion | None = None,
     ask: AskPermit | None = None,
-    driver: Driver = UNIVERSAL_ROBOTS,
+    driver: Driver | None = None,
 ) -> tuple[ConditionResult, ...]:
     """Every condition as it is now.
 
     last : how the last motion ended; None: there was none. `ask` asks for somebody else's permit. An arm that does not answer fails the
     conditions that need its answer; nothing is raised for it.
     """
+    driver = driver or usual_driver()
     identity, unreachable, last = None, "", last or LastMotion()
     try:
         identity = driver.identity(settings.host)
@@ -106,7 +106,7 @@ def replay(
     last: LastMotion | None = None,
     basis: BandBasis | None = None,
     caller: Caller | None = None,
-    driver: Driver = UNIVERSAL_ROBOTS,
+    driver: Driver | None = None,
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
 
@@ -122,7 +122,7 @@ def replay(
 
     Raises MotionRefused (nothing was moved), RobotUnreachable (nothing was moved), ReplayAborted with its `cause`.
     """
-    last, caller = last or LastMotion(), caller or Caller()
+    last, caller, driver = last or LastMotion(), caller or Caller(), driver or usual_driver()
     inputs = ConditionInputs(
         settings=settings,
         excitation=excitation,

@@ -77,8 +77,17 @@ class JointLimits(NamedTuple):
     speed_rad_s: tuple[float, ...]  # (J,)
 
 
+class Software(NamedTuple):
+    """What the driver knows of the controller's software."""
+
+    drivable: bool = True  # it can be driven at all
+    tested: bool = False  # replays on it are tested
+    reason: str = ""  # why, where the version is known
+    expected: str = ""  # the tested versions, for a person
+
+
 class Identity(NamedTuple):
-    """Who the controller says it is; None where it does not say."""
+    """Who the controller says it is, and what its driver knows of such a controller; None where it does not say."""
 
     model: str | None  # for example "UR5"
     serial: str | None
@@ -86,8 +95,11 @@ class Identity(NamedTuple):
     remote_control: bool | None  # whether the controller takes commands over the network
     joint_limits: JointLimits | None = None  # of its installation
     automatic: bool | None = None  # whether it is in automatic mode
-    robot_api: bool = False  # it is a PolyScope X, which has a Robot API in place of a dashboard
+    robot_api: bool = False  # it has a Robot API in place of a dashboard
     sources: str = ""  # who told what that server does not tell; empty: it told everything
+    generation: str | None = None  # of arms that its software drives, as `Robot.generation`; None: unknown
+    software: Software = Software()
+    no_remote_control: str = ""  # what it means where `remote_control` is not reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,21 +5,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from monitor.acquire.driver import Driver
+from monitor.acquire.driver import Driver, usual_driver
 from monitor.acquire.safety.of_installation import angle_deg, offset_of
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.state import ArmState, Identity
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.ur.rtde import rows_of
 from monitor.errors import RobotUnreachable
 from monitor.identify.gains_from_torque import gains_from_torque
-from monitor.model.robot import Mounting, Robot, load_robot, robot_names
+from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array
 
-CURRENT_ROWS, CURRENT_RATE_HZ, CURRENT_WITHIN_S = 125, 125.0, 3.0  # one second of currents beside torques
 UPRIGHT_DEG = 5.0  # between the tool's accelerometer and a mounting that it shows
 MOUNTINGS = ("ground", "ceiling", "wall")
-E_SERIES_FROM = 5  # first major version of the software of the e-Series
 NO_TCP_M, NO_TCP_DEG = 1e-3, 0.1  # a TCP nearer to the flange than this is the flange itself, within the calibration
 
 
@@ -68,35 +64,24 @@ class Survey(NamedTuple):
         return tuple(round(float(value), 4) + 0.0 for value in (*place, *vector))
 
 
-def survey(host: str, *, timeout_s: float = 5.0, driver: Driver = UNIVERSAL_ROBOTS) -> Survey:
-    """Ask dashboard or Robot API, RTDE and primary port. One that does not answer gives an empty survey with the problem."""
+def survey(host: str, *, timeout_s: float = 5.0, driver: Driver | None = None) -> Survey:
+    """Ask the controller. One that does not answer gives an empty survey with the problem."""
+    driver = driver or usual_driver()
     try:
         identity = driver.identity(host)
     except RobotUnreachable as error:
         return Survey(problem=str(error))
     state = driver.state(host, 125.0, timeout_s)
-    problem = "" if state is not None else f"{host}: the controller answers, but no RTDE data came: is port 30004 open?"
-    return Survey(identity=identity, state=state, model=model_of(identity), problem=problem)
+    problem = "" if state is not None else f"{host}: the controller answers, but no data came: {driver.no_data}"
+    return Survey(identity=identity, state=state, model=driver.model_of(identity), problem=problem)
 
 
-def model_of(identity: Identity) -> str | None:
-    """The shipped model that a controller names: an e-Series controller leaves the e out, and its software is 5 or newer."""
-    if identity.model is None:
-        return None
-    plain, known = identity.model.lower(), robot_names()
-    major = (identity.firmware or "").partition(".")[0]
-    e_series = major.isdigit() and int(major) >= E_SERIES_FROM
-    wanted = (f"{plain}e", plain) if e_series and not plain.endswith("e") else (plain,)
-    return next((name for name in wanted if name in known), None)
-
-
-def reported_gains(host: str) -> Array | None:
+def reported_gains(host: str, *, driver: Driver | None = None) -> Array | None:
     """(J,) torque per ampere [N·m/A] that the controller's currents and torques show, NaN where they show none; None: it reports no torque.
 
     Raises RobotUnreachable.
     """
-    variables = ("actual_current", "actual_current_as_torque")
-    rows = rows_of(host, variables, count=CURRENT_ROWS, rate_hz=CURRENT_RATE_HZ, timeout_s=CURRENT_WITHIN_S)
+    rows = (driver or usual_driver()).currents_and_torques(host)
     return None if rows is None else gains_from_torque(rows[:, 0], rows[:, 1])
 
 

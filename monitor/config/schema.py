@@ -23,7 +23,7 @@ from monitor.store.archive.settings import FOLDER, ArchiveSettings
 from monitor.views.web.settings import PageSettings
 
 if TYPE_CHECKING:
-    from monitor.acquire.ur.driver import UniversalRobots
+    from monitor.acquire.driver import Driver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,11 +104,11 @@ class Configuration:
     notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
 
     @property
-    def driver(self) -> "UniversalRobots":
+    def driver(self) -> "Driver":
         """How this arm's controller is asked and driven."""
-        from monitor.acquire.ur.driver import UniversalRobots  # every command reads a configuration, few ask a controller
+        from monitor.acquire.driver import driver_of  # every command reads a configuration, few ask a controller
 
-        return UniversalRobots(robot_api_port=self.robot.robot_api_port)
+        return driver_of("universal_robots", robot_api_port=self.robot.robot_api_port)
 
     @property
     def robot_description(self) -> Robot:

@@ -2,11 +2,11 @@
 
 import logging
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+from monitor.acquire.driver import Reported, ReportedError, ReportedMode
 from monitor.acquire.duty import TOGETHER_S, DutyCounter, ReportedStops, Seconds
 from monitor.acquire.listen import LiveState
-from monitor.acquire.ur.primary import Reported, ReportedError, ReportedMode
 from monitor.errors import StoreError
 from monitor.recording import DAY_S
 from monitor.service.publisher import Publisher
@@ -16,13 +16,6 @@ log = logging.getLogger(__name__)
 
 KEEP_EVERY_S = 300.0  # between two writes of the hours: what a kill costs at most
 SAY_EVERY_S = 600.0  # between two documents without a stop
-
-
-class ErrorLink(Protocol):
-    """Where the controller reports its errors and its safety mode."""
-
-    def poll(self) -> Sequence[Reported]:
-        """What has come since the last call."""
 
 
 class HeardEdge(NamedTuple):

@@ -11,7 +11,6 @@ from monitor.acquire.ending import ArmAfter
 from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.way import JOIN_RAD, Left, left_from_document, nearest_place
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
@@ -61,7 +60,7 @@ def let_back(configuration: Configuration, store: Store) -> str:
     Raises BadInput where the arm does not stand on its trajectory, RobotUnreachable where it does not answer.
     """
     settings, excitation = configuration.replay, configuration.excitation
-    state = UNIVERSAL_ROBOTS.state(settings.host, settings.rate_hz, LOOK_S)
+    state = configuration.driver.state(settings.host, settings.rate_hz, LOOK_S)
     if state is None:
         raise RobotUnreachable(f"{settings.host}: no RTDE data: whether the arm stands on its trajectory is not known")
     before = left_in(store)

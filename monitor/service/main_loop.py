@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from monitor.acquire.driver import ErrorLink
 from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.config.load import load
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, StoreError
 from monitor.service.daemon import Daemon
-from monitor.service.duty import ErrorLink
 from monitor.service.housekeeping import Maintenance
 from monitor.service.live import ArmLink, LiveFeed
 from monitor.service.monitor_document import MonitorDocument, status_line

@@ -1,7 +1,7 @@
 """The program's hand-over node: its text, the server that gives it, and what `joint-monitor check` finds of the way between the two. I/O.
 
-The text is made for one controller. What is kept of it is ur-rtde's part, for a start at which that controller is off: it depends on the
-controller's software and on ur-rtde alone.
+The text is made for one controller. What is kept of it is the library's part, for a start at which that controller is off: it depends on
+the controller's software and on the library alone.
 """
 
 import hashlib
@@ -13,17 +13,13 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from importlib.metadata import version
 from ipaddress import ip_address
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from monitor.acquire.driver import Driver
+from monitor.acquire.driver import Driver, usual_driver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.settings import HandOver
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
-from monitor.acquire.ur.node_script import control_script, hand_over_script
-from monitor.acquire.ur.node_server import REQUEST, HandOverServer
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, MonitorError
 from monitor.service.problems import Problems
@@ -36,14 +32,14 @@ class NodeText(NamedTuple):
     """What a node of the program gets."""
 
     software: str | None  # of the controller that it was made for; None: it does not say
-    control: str  # ur-rtde's control script
+    control: str  # the library's part of it
     text: str
 
     @classmethod
-    def of(cls, software: str | None, control: str) -> Self:
-        """The text around ur-rtde's. Raises BadInput where ur-rtde's text is not as expected."""
-        number = hashlib.sha256(hand_over_script(control).encode()).hexdigest()[:12]
-        return cls(software, control, f"{MARK}{number}\n{hand_over_script(control, version=version_of(number))}")
+    def of(cls, software: str | None, control: str, driver: Driver) -> Self:
+        """The text around the library's. Raises BadInput where that is not as expected."""
+        number = hashlib.sha256(driver.node_text(control).encode()).hexdigest()[:12]
+        return cls(software, control, f"{MARK}{number}\n{driver.node_text(control, version=version_of(number))}")
 
     @property
     def number(self) -> str:
@@ -56,9 +52,10 @@ def version_of(number: str) -> int:
     return int(number[:7], 16) or 1
 
 
-def node_text(host: str, *, driver: Driver = UNIVERSAL_ROBOTS, script: Callable[[str], str] = control_script) -> NodeText:
-    """The text for the controller at this address. Raises RobotUnreachable where it does not answer, BadInput for an unknown ur-rtde."""
-    return NodeText.of(driver.identity(host).firmware, script(host))
+def node_text(host: str, *, driver: Driver | None = None) -> NodeText:
+    """The text for the controller at this address. Raises RobotUnreachable where it does not answer, BadInput for an unknown library."""
+    driver = driver or usual_driver()
+    return NodeText.of(driver.identity(host).firmware, driver.node_control(host), driver)
 
 
 def number_of(text: str) -> str | None:
@@ -67,28 +64,26 @@ def number_of(text: str) -> str | None:
     return first.removeprefix(MARK) if first.startswith(MARK) else None
 
 
-def keep(directory: Path, node: NodeText) -> None:
-    """Keep ur-rtde's part beside the history, whole or not at all; where the disk refuses, the next start asks the controller again."""
+def keep(directory: Path, node: NodeText, driver: Driver | None = None) -> None:
+    """Keep the library's part beside the history, whole or not at all; where the disk refuses, the next start asks the controller again."""
+    library = (driver or usual_driver()).library
     path = directory / FILE
     temporary = path.with_suffix(".tmp")
     with suppress(OSError):
-        temporary.write_text(json.dumps({"software": node.software, "control": node.control, "library": _library()}), "utf-8")
+        temporary.write_text(json.dumps({"software": node.software, "control": node.control, "library": library}), "utf-8")
         os.replace(temporary, path)
 
 
-def kept(directory: Path) -> NodeText | None:
-    """The text that was kept last; None where there is none, or another ur-rtde is installed since."""
+def kept(directory: Path, driver: Driver | None = None) -> NodeText | None:
+    """The text that was kept last; None where there is none, or another library is installed since."""
     try:
         document = json.loads((directory / FILE).read_text("utf-8"))
-        if document["library"] != _library():
+        driver = driver or usual_driver()
+        if document["library"] != driver.library:
             return None
-        return NodeText.of(document["software"], str(document["control"]))
+        return NodeText.of(document["software"], str(document["control"]), driver)
     except (OSError, ValueError, TypeError, KeyError, BadInput):
         return None
-
-
-def _library() -> str:
-    return version("ur_rtde")
 
 
 # --- the server ------------------------------------------------------------------------------------
@@ -112,16 +107,16 @@ class NodeServer:
         directory: Path,
         problems: Problems,
         *,
-        driver: Driver = UNIVERSAL_ROBOTS,
+        driver: Driver | None = None,
         make: Callable[[str], NodeText] | None = None,
     ) -> None:
         """Listen. Raises BadInput where the port is in use. make : of the text; None: as the driver's controller says."""
-        self._host, self._directory, self._problems, self._driver = host, directory, problems, driver
-        self._make = make or partial(node_text, driver=driver)
-        self._node = kept(directory)
+        self._host, self._directory, self._problems, self._driver = host, directory, problems, driver or usual_driver()
+        self._make = make or partial(node_text, driver=self._driver)
+        self._node = kept(directory, self._driver)
         self._asked = False  # whether the controller has answered since the start
         self._stopping = threading.Event()
-        self._server = HandOverServer(NO_TEXT if self._node is None else self._node.text, bind=lent.bind, port=lent.port)
+        self._server = self._driver.node_server(NO_TEXT if self._node is None else self._node.text, bind=lent.bind, port=lent.port)
         self._thread = threading.Thread(target=self._run, name="hand-over text", daemon=True)
         log.info("hand-over: the program's node is answered on port %d", self._server.port)
 
@@ -146,7 +141,7 @@ class NodeServer:
             log.warning("hand-over: software %s needs another text: stop the program and play it again", node.software)
         self._node = node
         self._server.serve(node.text)
-        keep(self._directory, node)
+        keep(self._directory, node, self._driver)
 
     def _run(self) -> None:
         while not self._stopping.is_set():
@@ -169,7 +164,6 @@ class NodeServer:
 # --- what `joint-monitor check` finds --------------------------------------------------------------
 
 NAME = "hand_over"
-PATIENCE_S = 3.0  # for the connection, and for each part of the answer; the daemon is on this host, which may be busy
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - a setting is compared with it
 
 
@@ -200,7 +194,7 @@ def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
         text = f"the controller reaches this host as {address}, the server listens on {lent.bind} alone (replay.hand_over_listen)"
         return ConditionResult(name=NAME, holds=False, text=text)
     where = f"External Control at {address}, port {lent.port}"
-    answer = _answer(address, lent.port)
+    answer = configuration.driver.node_answer(address, lent.port)
     if answer is None:
         text = f"{where}: nothing answers: while the daemon does not run, a program that is played stops at the node with a popup"
         return ConditionResult(name=NAME, holds=True, text=text, checked=False)
@@ -216,7 +210,7 @@ def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
 
 
 def _on_the_controller(configuration: Configuration) -> ConditionResult:
-    node = kept(configuration.state_directory)
+    node = kept(configuration.state_directory, configuration.driver)
     if node is not None:
         made = f"made for software {node.software}" if node.software else "made for a controller that says no software"
         told = f"the file of the program's Script node must begin with {MARK}{node.number} ({made})"
@@ -239,18 +233,3 @@ def _compared(configuration: Configuration, number: str, told: str, remedy: str)
         return ConditionResult(name=NAME, holds=True, text=f"{told}; the program that was played last has it, {reached}")
     text = f"{told}; THE PROGRAM THAT WAS PLAYED LAST HAS ANOTHER TEXT: {remedy} ({reached})"
     return ConditionResult(name=NAME, holds=True, text=text, checked=False)
-
-
-def _answer(address: str, port: int) -> str | None:
-    """What the port answers to a node's request; None where nobody listens."""
-    answer = b""
-    try:
-        with socket.create_connection((address, port), timeout=PATIENCE_S) as wire, suppress(TimeoutError):
-            wire.sendall(REQUEST + b"\n")
-            while data := wire.recv(65536):
-                answer += data
-    except ConnectionResetError:
-        pass
-    except OSError:
-        return None
-    return answer.decode("utf-8", errors="replace")

@@ -142,7 +142,7 @@ def _clock(configuration: Configuration, now: float) -> ConditionResult:
     return ConditionResult(name="clock", holds=True, text=f"{rfc3339(now)}, {words}", checked=synchronised)
 
 
-SOCKET_LOCK = "from monitor.acquire.ur.last_resorts import forbid_new_sockets; print(forbid_new_sockets() or '')"
+SOCKET_LOCK = "from monitor.acquire.driver import usual_driver; print(usual_driver().lock_sockets() or '')"
 SOCKET_LOCK_S = 10.0  # for a process that starts, tries it and ends
 
 

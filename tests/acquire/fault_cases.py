@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from processes import children
 
+from monitor.acquire.driver import usual_driver
 from monitor.acquire.ending import judged_end, look
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.ur.stream import STOP_RAMP_S
 from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.errors import ReplayAborted, RobotUnreachable
@@ -247,7 +247,7 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
     except ReplayAborted as error:
         cause, reported_s = error.cause, time.monotonic() - fault["at"] if fault else None
         if case.person is not None:  # as the service judges an end: after a look at the arm
-            person = judged_end(error, look(UNIVERSAL_ROBOTS, settings, clean=False)).needs_a_person
+            person = judged_end(error, look(usual_driver(), settings, clean=False)).needs_a_person
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute", "power_cut", "foreign_program"}:
             wrong.append("the stop was not confirmed")
     if fault and reported_s is None:

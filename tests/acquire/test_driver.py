@@ -22,6 +22,7 @@ from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
 from monitor.acquire.ur.driver import cause_of_death
+from monitor.acquire.ur.software import understood
 from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
@@ -128,7 +129,7 @@ class ScriptedDriver:
 
     def __init__(self, session, *, identity=None, stop=None):
         self.session, self.stop, self.end = session, stop, "ended"  # the last: how our program has ended
-        self._identity = identity or Identity(model="UR5", serial="7", firmware="3.15.8", remote_control=True)
+        self._identity = understood(identity or Identity(model="UR5", serial="7", firmware="3.15.8", remote_control=True))
         self.programs_stopped = 0
 
     def identity(self, host):

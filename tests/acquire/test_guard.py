@@ -17,6 +17,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, Permit
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity, JointLimits
+from monitor.acquire.ur.software import understood
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot
@@ -152,6 +153,11 @@ def ready_state(**changes) -> ArmState:
     return replace(state, **changes)
 
 
+def told(*known) -> Identity:
+    """Who the controller says it is, as its driver understands it."""
+    return understood(Identity(*known))
+
+
 def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
     """What is known of that arm, which stands upright on the ground and carries 1 kg."""
     known = ConditionInputs(
@@ -160,7 +166,7 @@ def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
         robot=load_robot("ur5"),
         context=Context(robot="ur5", payload_kg=1.0, mounting_rad=(0.0, 0.0, 0.0)),
         now_unix_s=NOON,
-        identity=Identity("UR5", "2016331234", "3.15.8.106339", True, JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)),
+        identity=told("UR5", "2016331234", "3.15.8.106339", True, JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)),
         state=state,
         installation=Installation(
             payload_cog_m=(0.0, 0.0, 0.05),
@@ -235,9 +241,9 @@ def test_every_condition_is_named_and_holds_for_an_arm_in_order():
         ({"settings": replace(SIMULATED, cell=plain_cell(Mounting()))}, "trajectory_clear"),  # `short` was never proved
         ({"stopped_before": "replay 7 ended by protective_stop"}, "previous_stop"),
         ({"identity": None}, "robot_model"),
-        ({"identity": Identity("UR10", "1", "3.15", None)}, "robot_model"),
-        ({"identity": Identity("UR5", "1", "5.11.0.108249", True)}, "robot_model"),  # a UR5e, whose name has no e either
-        ({"identity": Identity("UR5", "1", "3.15", False)}, "remote_control"),
+        ({"identity": told("UR10", "1", "3.15", None)}, "robot_model"),
+        ({"identity": told("UR5", "1", "5.11.0.108249", True)}, "robot_model"),  # a UR5e, whose name has no e either
+        ({"identity": told("UR5", "1", "3.15", False)}, "remote_control"),
         ({"context": Context(serial="2")}, "serial"),
         ({"state": None}, "safety_mode"),
         ({"state": ready_state(runtime_state=2)}, "no_other_program"),
@@ -274,7 +280,7 @@ def test_what_a_generation_does_not_report_is_named_and_does_not_crash():
         payload_cog_m=(nan,) * 3,
         tcp_pose=(nan,) * 6,
     )
-    found = {c.name: c for c in conditions(inputs(silent, identity=Identity(None, None, "3.10", None)))}
+    found = {c.name: c for c in conditions(inputs(silent, identity=told(None, None, "3.10", None)))}
     for name in (
         *("speed_scaling", "payload", "payload_cog", "tcp_offset", "gravity", "teach_button", "joints_running"),
         *("robot_model", "serial", "remote_control"),

@@ -17,10 +17,10 @@ from monitor.acquire.driver import ReplayTask, job_document, task_from_document
 from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety.conditions import conditions, named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
-from monitor.acquire.safety.of_controller import SOFTWARE
 from monitor.acquire.safety.of_installation import angle_deg, offset_of, points, rotation
 from monitor.acquire.settings import Installation
 from monitor.acquire.state import Identity
+from monitor.acquire.ur.software import SOFTWARE, understood
 from monitor.config.load import load
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.energy import flange_speed
@@ -83,7 +83,7 @@ def test_a_torque_constant_of_the_motor_is_no_gain_of_the_joint(name):
 )
 def test_software_that_nobody_tested_is_refused_and_what_crashes_always_is(firmware, holds, words):
     """replay.allow_untested_software lets an untested version pass, and none that ur-rtde cannot drive."""
-    identity = Identity("UR5", "2016331234", firmware, True)
+    identity = understood(Identity("UR5", "2016331234", firmware, True))
     result = found("software", inputs(ready_state(), identity=identity))
     assert result.holds is holds
     assert words in result.text

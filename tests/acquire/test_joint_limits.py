@@ -17,6 +17,7 @@ from test_guard import inputs, ready_state
 from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.state import Identity, JointLimits
 from monitor.acquire.ur import primary
+from monitor.acquire.ur.software import understood
 from monitor.model.robot import load_robot
 
 WIDE = JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)
@@ -114,7 +115,7 @@ def test_limits_that_make_no_sense_do_not_count_as_reported(wrong):
 
 
 def found(limits, **changes):
-    identity = Identity("UR5", "1", "3.15.8", True, limits)
+    identity = understood(Identity("UR5", "1", "3.15.8", True, limits))
     (result,) = named_conditions(inputs(ready_state(), identity=identity, **changes), ("joint_limits",))
     return result
 
@@ -137,7 +138,7 @@ def test_an_endless_wrist_beyond_its_reported_limits_shows_that_they_are_not_in_
     q = short().at(np.zeros(1)).q[0].copy()
     q[5] += 4.0 * np.pi
     on = {"robot": load_robot("ur3e"), "excitation": short(robot="ur3e"), "state": ready_state(q=q, target_q=q)}
-    identity = Identity("UR3", "1", "5.11.0", True, WIDE)
+    identity = understood(Identity("UR3", "1", "5.11.0", True, WIDE))
     known = replace(inputs(ready_state(), identity=identity), **on)
     assert named_conditions(known, ("joint_limits",))[0].holds
     narrow = replace(known, identity=identity._replace(joint_limits=WIDE._replace(highest_rad=(0.0,) * 6)))

@@ -18,11 +18,11 @@ from processes import children
 from simulated_arm import AT_START, known_gains
 
 from monitor.acquire.child import Child
+from monitor.acquire.driver import usual_driver
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.ur.driver import UNIVERSAL_ROBOTS
 from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document
@@ -213,8 +213,8 @@ def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_th
 
 def test_a_listener_reads_what_ur_rtde_reads(arm):
     """The same ticks, by the library and by the plain socket: every value is the same, and the same values are missing."""
-    by_library = UNIVERSAL_ROBOTS.listen(arm.host, 125.0, every_tick=True)
-    by_socket = UNIVERSAL_ROBOTS.listen(arm.host, 125.0, every_tick=False)
+    by_library = usual_driver().listen(arm.host, 125.0, every_tick=True)
+    by_socket = usual_driver().listen(arm.host, 125.0, every_tick=False)
     read, until = ({}, {}), time.monotonic() + 30.0
     try:
         while len(read[0].keys() & read[1].keys()) < 20 and time.monotonic() < until:

@@ -15,9 +15,10 @@ from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from typer.testing import CliRunner
 
+from monitor.acquire.driver import ReportedError, ReportedMode
 from monitor.acquire.duty import DutyCounter
 from monitor.acquire.listen import LiveState
-from monitor.acquire.ur.primary import ReportedError, ReportedErrors, ReportedMode, reported_error, reported_mode
+from monitor.acquire.ur.primary import ReportedErrors, reported_error, reported_mode
 from monitor.cli.main import app
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError

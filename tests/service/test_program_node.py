@@ -13,6 +13,7 @@ from command_line import ended
 from sim_process import Spawned
 from test_hand_over_script import CONTROL
 
+from monitor.acquire.driver import usual_driver
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.settings import HandOver
 from monitor.acquire.ur.driver import UniversalRobots
@@ -98,8 +99,8 @@ class Named(UniversalRobots):
 def test_the_text_is_made_for_the_controller_and_numbered(node: NodeText):
     """Another text has another number, the same one the same; the number stands in the first line, where a person can read it."""
     assert node.text.splitlines()[0] == f"# joint-monitor node {node.number}"
-    assert NodeText.of(node.software, node.control).number == node.number
-    assert NodeText.of(node.software, node.control.replace("sync()", "sleep(0.01)")).number != node.number
+    assert NodeText.of(node.software, node.control, usual_driver()).number == node.number
+    assert NodeText.of(node.software, node.control.replace("sync()", "sleep(0.01)"), usual_driver()).number != node.number
     assert number_of("def program():\nend\n") is None
 
 
@@ -136,7 +137,7 @@ def test_the_server_answers_while_the_controller_is_off_and_takes_another_text_w
         assert asked(free_port) == node.text
         server.look()
         assert PROBLEM not in problems  # the node is answered, and the controller will be asked again
-    other = NodeText.of("9.9", node.control.replace("sync()", "sleep(0.01)"))
+    other = NodeText.of("9.9", node.control.replace("sync()", "sleep(0.01)"), usual_driver())
     with NodeServer(lending(free_port), HOST, tmp_path, problems, driver=Named("9.9"), make=lambda _: other) as server:
         server.look()
         assert asked(free_port) == other.text
@@ -273,7 +274,7 @@ def test_what_cannot_be_written_is_told_and_leaves_nothing(arm, config, tmp_path
 
 def test_the_file_lends_the_arm_from_an_ordinary_script_node(tmp_path: Path):
     """No server at Play: the text stands inline in the program's loop, is passed by while nothing is due, lends the arm, and goes on."""
-    text = NodeText.of("5.11", CONTROL).text
+    text = NodeText.of("5.11", CONTROL, usual_driver()).text
     (tmp_path / "lend.script").write_text(text)
     nodes = ('message = "before"', 'script = "lend.script"', "wait = 0.02")
     (tmp_path / "cell.toml").write_text('name = "cell"\n' + "".join(f"[[node]]\n{node}\n" for node in nodes))

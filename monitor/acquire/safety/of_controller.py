@@ -1,8 +1,5 @@
 """Conditions on who the controller says it is."""
 
-import re
-from typing import NamedTuple
-
 import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
@@ -11,30 +8,7 @@ from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 from monitor.reason import joint_text
 
-GENERATIONS = {"cb3": ("3",), "e-series": ("5", "10")}  # each by the major versions of its software
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
-
-
-class Software(NamedTuple):
-    """A span of versions of the controller's software, both ends included, by major and minor number."""
-
-    first: tuple[int, int]
-    last: tuple[int, int]
-    reason: str  # of its bounds
-    drives: bool = True  # ur-rtde can drive it
-    tested: bool = True  # replays on it are tested, as far as its wire is known
-
-
-SOFTWARE = (  # what is in none of these spans moves only where the configuration allows untested software
-    Software((3, 0), (3, 9), "RTDE's protocol 2, which ur-rtde speaks, came with 3.10", drives=False),
-    Software((3, 10), (3, 15), "CB3: from RTDE's protocol 2 to the generation's last version; 3.15 is what the tests play against"),
-    Software((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
-    Software((5, 4), (5, 23), "e-Series: from ur-rtde's registers to the newest version for which it has a recipe"),
-    Software(
-        (10, 0), (10, 10), "PolyScope X before 10.11 has neither a dashboard nor a Robot API: no program could be stopped", drives=False
-    ),
-    Software((10, 11), (99, 99), "PolyScope X: its Robot API is known from public sources and a simulated controller only", tested=False),
-)
 
 
 def _identity(inputs: ConditionInputs) -> Identity:
@@ -42,12 +16,6 @@ def _identity(inputs: ConditionInputs) -> Identity:
     if inputs.identity is None:
         raise MotionRefused("unknown: the controller does not answer")
     return inputs.identity
-
-
-def generation_of(firmware: str | None) -> str | None:
-    """The generation of arms that a version of the software drives: its name does not tell UR5 and UR5e apart. None: unknown."""
-    major = (firmware or "").partition(".")[0]
-    return next((name for name, of_it in GENERATIONS.items() if major in of_it), None)
 
 
 def robot_model(inputs: ConditionInputs) -> str:
@@ -61,8 +29,8 @@ def robot_model(inputs: ConditionInputs) -> str:
         raise Unreported("not reported: this software does not tell its model; the configuration is believed")
     if identity.model.lower().removesuffix("e") != inputs.robot.name.lower().removesuffix("e"):
         raise MotionRefused(f"the controller says it is a {identity.model}, the configuration says {inputs.robot.name}")
-    generation = generation_of(identity.firmware)
-    if generation is not None and inputs.robot.generation in GENERATIONS and generation != inputs.robot.generation:
+    generation = identity.generation
+    if generation not in {None, inputs.robot.generation}:
         raise MotionRefused(
             f"the controller says it is a {identity.model} with software {identity.firmware}, which is of the generation {generation}; "
             f"the configuration says {inputs.robot.name}, of the generation {inputs.robot.generation}"
@@ -72,27 +40,18 @@ def robot_model(inputs: ConditionInputs) -> str:
 
 
 def software(inputs: ConditionInputs) -> str:
-    """The controller's software is one that ur-rtde can drive, and with which replays are tested."""
-    firmware = _identity(inputs).firmware
-    allowed = inputs.settings.allow_untested_software
-    match = re.match(r"(\d+)\.(\d+)", firmware or "")
-    version = (int(match[1]), int(match[2])) if match else None
-    span = next((each for each in SOFTWARE if version is not None and each.first <= version <= each.last), None)
-    if span is not None and not span.drives:
-        raise MotionRefused(f"software {firmware}: {span.reason}; expected {_tested()}")
-    if span is not None and span.tested:
-        return f"{firmware}, among the tested {_tested()}"
+    """The controller's software is one that can be driven, and with which replays are tested."""
+    identity = _identity(inputs)
+    firmware, known = identity.firmware, identity.software
+    if not known.drivable:
+        raise MotionRefused(f"software {firmware}: {known.reason}; expected {known.expected}")
+    if known.tested:
+        return f"{firmware}, among the tested {known.expected}"
     what = f"software {firmware}" if firmware else "the software's version is not reported"
-    what += f" ({span.reason})" if span is not None else ""
-    if allowed:
+    what += f" ({known.reason})" if known.reason else ""
+    if inputs.settings.allow_untested_software:
         return f"{what}: untested, and replay.allow_untested_software is true"
-    raise MotionRefused(f"{what}; tested are {_tested()}; replay.allow_untested_software = true lets another one move the arm")
-
-
-def _tested() -> str:
-    """The spans of tested versions, as text."""
-    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives and span.tested]
-    return " and ".join(spans)
+    raise MotionRefused(f"{what}; tested are {known.expected}; replay.allow_untested_software = true lets another one move the arm")
 
 
 def joint_limits(inputs: ConditionInputs) -> str:
@@ -145,10 +104,8 @@ def remote_control(inputs: ConditionInputs) -> str:
         raise MotionRefused("the controller is in manual mode; set it to automatic mode and to remote control on its pendant")
     if inputs.settings.lent is not None and identity.remote_control is False:
         return "off: a program lends its arm in local control too; nobody can stop it over the network then, but its node does"
-    if identity.remote_control is None and identity.robot_api:
-        raise Unreported("not reported: PolyScope X tells it from 10.12 on; whoever holds the pendant may start a program meanwhile")
     if identity.remote_control is None:
-        raise Unreported("not reported: this generation has no local control; whoever holds the pendant may start a program meanwhile")
+        raise Unreported(f"not reported: {identity.no_remote_control}whoever holds the pendant may start a program meanwhile")
     if not identity.remote_control:
         raise MotionRefused("the controller is in local control; set it to remote control on its pendant")
     return "on, in automatic mode" if identity.automatic else "on"

@@ -3,19 +3,24 @@
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from importlib.metadata import version
 
 from monitor.acquire.child import Child
-from monitor.acquire.driver import OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
+from monitor.acquire.driver import NodeSays, OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
 from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.state import ArmState, Identity
 from monitor.acquire.ur import conversation, primary
-from monitor.acquire.ur.node_script import OFFER, VERSION
+from monitor.acquire.ur.last_resorts import forbid_new_sockets
+from monitor.acquire.ur.node_script import OFFER, VERSION, control_script, hand_over_script
+from monitor.acquire.ur.node_server import HandOverServer, answer_of
 from monitor.acquire.ur.primary import ReportedErrors
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
-from monitor.acquire.ur.rtde import Listening, observe, output_integers, software_of
+from monitor.acquire.ur.rtde import Listening, observe, output_integers, rows_of, software_of
+from monitor.acquire.ur.software import model_of, understood
 from monitor.errors import RobotUnreachable
+from monitor.recording import Array
 
+CURRENT_ROWS, CURRENT_RATE_HZ, CURRENT_WITHIN_S = 125, 125.0, 3.0  # one second of currents beside torques
 REMOTE_TIMEOUT_S = 0.5  # for one answer whether remote control is on; a controller answers within some milliseconds
 
 
@@ -49,21 +54,19 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interr
     return Interruption("child_died", f"the child process ended {how}")
 
 
-class NodeSays(NamedTuple):
-    """What a node that lends the arm leaves in the controller's registers."""
-
-    version: int  # of its text; 0: no node of ours was played
-    reached: int  # how often one was reached, also while nothing was due
-
-
 class UniversalRobots:
     """Arms of the CB3 and e-Series generations, with whatever software. Every method names the arm by its host."""
 
-    robot_api_port = ROBOT_API_PORT
+    no_data = "is port 30004 open?"
 
     def __init__(self, *, robot_api_port: int = ROBOT_API_PORT) -> None:
         """The port is that of a PolyScope X."""
         self.robot_api_port = robot_api_port
+
+    @property
+    def library(self) -> str:
+        """ur-rtde's version."""
+        return version("ur_rtde")
 
     def identity(self, host: str) -> Identity:
         """Who the controller says it is, and its joints' limits. Raises RobotUnreachable.
@@ -75,11 +78,20 @@ class UniversalRobots:
         configured = primary.configured(host)
         told = told._replace(joint_limits=configured.limits)
         if not told.robot_api:
-            return told
+            return understood(told)
         model, firmware = told.model or configured.model, software_of(host)
         sources = ["software by RTDE"] if firmware else []
         sources += ["model by the primary port"] if told.model is None and model is not None else []
-        return told._replace(model=model, firmware=firmware, sources=", ".join(["Robot API", *sources]))
+        return understood(told._replace(model=model, firmware=firmware, sources=", ".join(["Robot API", *sources])))
+
+    def model_of(self, identity: Identity) -> str | None:
+        """The shipped model that a controller names."""
+        return model_of(identity)
+
+    def currents_and_torques(self, host: str) -> Array | None:
+        """(N, 2, J) rows of one second; a controller before 5.23 reports no torque."""
+        variables = ("actual_current", "actual_current_as_torque")
+        return rows_of(host, variables, count=CURRENT_ROWS, rate_hz=CURRENT_RATE_HZ, timeout_s=CURRENT_WITHIN_S)
 
     def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
         """The arm's state now, by receiving only; None where no RTDE data comes within timeout_s."""
@@ -92,6 +104,26 @@ class UniversalRobots:
         except RobotUnreachable:
             return None
         return None if found is None else NodeSays(*found)
+
+    def node_control(self, host: str) -> str:
+        """ur-rtde's control script for this controller."""
+        return control_script(host)
+
+    def node_text(self, control: str, *, version: int = 0) -> str:
+        """The text of a node around ur-rtde's control script."""
+        return hand_over_script(control, version=version)
+
+    def node_server(self, text: str, *, bind: str, port: int) -> HandOverServer:
+        """The server that the manufacturer's External Control node asks at Play."""
+        return HandOverServer(text, bind=bind, port=port)
+
+    def node_answer(self, address: str, port: int) -> str | None:
+        """What the port answers to a node's request; None where nobody listens."""
+        return answer_of(address, port)
+
+    def lock_sockets(self) -> str | None:
+        """Set the filter that ends this process at its first attempt to open a socket."""
+        return forbid_new_sockets()
 
     def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
         """A process that receives every tick; else a socket in this one."""
@@ -130,4 +162,6 @@ class UniversalRobots:
         return conversation.stop_program(host, ours, robot_api_port=self.robot_api_port)
 
 
-UNIVERSAL_ROBOTS = UniversalRobots()
+def driver(*, robot_api_port: int = ROBOT_API_PORT) -> UniversalRobots:
+    """The driver of this make."""
+    return UniversalRobots(robot_api_port=robot_api_port)

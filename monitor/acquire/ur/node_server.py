@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import socket
 import socketserver
 import threading
 
@@ -9,6 +10,7 @@ from monitor.errors import BadInput
 
 log = logging.getLogger(__name__)
 
+PATIENCE_S = 3.0  # for the connection, and for each part of an answer: the server is on this host, which may be busy
 PORT = 50002  # where the manufacturer's External Control node asks
 REQUEST = b"request_program"
 REQUEST_S = 5.0  # a client that asks for nothing is let go after so long
@@ -88,3 +90,18 @@ class HandOverServer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def answer_of(address: str, port: int) -> str | None:
+    """What the port answers to a node's request; None where nobody listens."""
+    answer = b""
+    try:
+        with socket.create_connection((address, port), timeout=PATIENCE_S) as wire, contextlib.suppress(TimeoutError):
+            wire.sendall(REQUEST + b"\n")
+            while data := wire.recv(65536):
+                answer += data
+    except ConnectionResetError:
+        pass
+    except OSError:
+        return None
+    return answer.decode("utf-8", errors="replace")

@@ -16,6 +16,7 @@ import time
 from concurrent import futures
 from typing import NamedTuple, Self
 
+from monitor.acquire.driver import Reported, ReportedError, ReportedMode
 from monitor.acquire.state import JointLimits
 from monitor.acquire.ur.packages import LONGEST, is_address, looked_up, take_packages
 
@@ -90,22 +91,6 @@ GRAVE = 2  # warnings, violations and faults; what is below tells of no stop
 READ_BYTES = 65_536
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 SILENT_S = 10.0  # a controller sends its state some ten times a second: after this the way to it is cut, or it does not answer
-
-
-class ReportedError(NamedTuple):
-    """One error."""
-
-    code: str  # as the pendant writes it, e.g. C153A2
-    joint: int | None  # from 1, where the code tells it
-
-
-class ReportedMode(NamedTuple):
-    """The safety mode has changed to this one."""
-
-    mode: int
-
-
-Reported = ReportedError | ReportedMode
 
 
 class ReportedErrors:

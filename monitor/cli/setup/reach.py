@@ -42,14 +42,14 @@ def _address(text: str) -> None:
 
 def _survey(address: str, asks: bool, robot_api_port: int) -> "Survey":
     """What the arm says, and a line for a person about it."""
+    from monitor.acquire.driver import driver_of
     from monitor.acquire.survey import Survey, survey
-    from monitor.acquire.ur.driver import UniversalRobots
     from monitor.views.terminal.progress import status
 
     if address == "-":
         return Survey()
     with status(f"asking {address}"):
-        found = survey(address, driver=UniversalRobots(robot_api_port=robot_api_port))
+        found = survey(address, driver=driver_of("universal_robots", robot_api_port=robot_api_port))
     if found.identity is not None:
         said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
         typer.echo(f"{address} answers: {', '.join(said)}")
