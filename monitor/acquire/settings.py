@@ -3,7 +3,7 @@
 import ipaddress
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Self
 
@@ -12,6 +12,7 @@ from annotated_types import Interval
 
 from monitor.design.cell import Cell
 from monitor.errors import BadInput
+from monitor.judge.bounds import NO_KEY
 from monitor.model.robot import Robot
 from monitor.recording import Array
 
@@ -84,7 +85,7 @@ class Installation:
 class ReplaySettings:
     """How a replay is allowed, played and supervised."""
 
-    host: str
+    host: str = field(default="127.0.0.1", metadata=NO_KEY)  # that of [robot]
     allow_motion: bool = False  # nothing moves unless this is true
     windows_utc: tuple[str, ...] = ()  # "22:00-05:00": the arm moves only within one of these spans; empty: at any time
     permit: str = "none"  # who else must agree: none; zenoh: `permit/replay` is asked; digital_input:N: this input must be on
@@ -124,7 +125,8 @@ class ReplaySettings:
     confirm_timeout_s: Annotated[float, Interval(ge=1.0, le=120.0)] = (
         10.0  # after a motion the arm must be seen in order within this time, or a person must look at it
     )
-    cell: Cell | None = None  # what stands around the arm; None: it is unknown, and no clearance is checked
+    # what stands around the arm, from the file that the key names; None: it is unknown, and no clearance is checked
+    cell: Cell | None = field(default=None, metadata=NO_KEY)
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the setting, its value and what would be right."""

@@ -3,22 +3,21 @@
 import dataclasses
 import math
 import os
-import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+from annotated_types import Interval
 
-from monitor.acquire.settings import ReplaySettings
 from monitor.config.files import find_cell, find_excitation, find_prior
-from monitor.config.schema import Configuration, RobotSettings, StoreSettings, assess_sections, retired_keys, section_classes, text_keys
-from monitor.config.sections import nearest, read_section
-from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
+from monitor.config.schema import Configuration, RobotSettings, assess_sections, section_classes, text_keys
+from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
+from monitor.config.sources import Source
 from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.assess import AssessSettings
 from monitor.judge.inspection import InspectionSettings
-from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.session import BusSettings, prefix
 from monitor.publish.timestamps import unix_s
@@ -35,31 +34,15 @@ def load(path: Path, environment: Mapping[str, str] | None = None, *, secrets_ne
     Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
-    try:
-        text = path.read_text("utf-8-sig")  # some editors put a byte order mark before the first letter
-        document = tomllib.loads(text)
-    except OSError as error:
-        raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise BadConfiguration(f"{path}:{line}: {error.object[error.start : error.end]!r} is no UTF-8; save the file as UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise BadConfiguration(f"{path}: not TOML: {error}") from None
-    except RecursionError:
-        raise BadConfiguration(f"{path}: is nested too deeply; expected tables of keys") from None
-    mistakes: list[str] = []
-    secrets: dict[str, str] = {}
-    in_file = set(document)
-    overrides = overridden(document, environment, mistakes, text_keys())
-    _place_history(document, path, environment)
+    source = Source.read(path)
+    source.override(environment, text_keys())
+    _place_history(source.document, path, environment)
     if secrets_needed:
-        document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
-    configuration = _from_document(document, path, mistakes)
-    if configuration is None:
-        placed_mistakes = [placed(without_secrets(_by_variable(mistake, overrides, in_file), secrets), path, text) for mistake in mistakes]
-        listed = "\n  ".join((f"{path}: {len(placed_mistakes)} mistakes", *placed_mistakes))
-        raise BadConfiguration(placed_mistakes[0] if len(placed_mistakes) == 1 else listed)
-    return dataclasses.replace(configuration, overrides=tuple(overrides))
+        source.take_credentials(environment.get("CREDENTIALS_DIRECTORY"))
+    configuration = _from_document(source.document, path, source.mistakes)
+    source.refuse()
+    assert configuration is not None  # or there would be a mistake
+    return dataclasses.replace(configuration, overrides=source.overrides)
 
 
 def _place_history(document: dict[str, Any], path: Path, environment: Mapping[str, str]) -> None:
@@ -67,8 +50,6 @@ def _place_history(document: dict[str, Any], path: Path, environment: Mapping[st
     store = document.setdefault("store", {})
     if not isinstance(store, dict) or "directory" in store:
         return
-    if os.path.exists(path.parent / StoreSettings().directory / "history.sqlite"):
-        return  # an earlier version began it beside the file, and it goes on there
     of_service = environment.get("STATE_DIRECTORY", "").split(":")[0]
     if of_service:  # systemd.exec(5), StateDirectory=
         store["directory"] = of_service
@@ -76,181 +57,149 @@ def _place_history(document: dict[str, Any], path: Path, environment: Mapping[st
         store["directory"] = str(STATE / path.stem)
 
 
-def _by_variable(mistake: str, overrides: Sequence[str], in_file: Collection[str]) -> str:
-    """The mistake with the name of the environment's variable that has set this key, or alone has made this section."""
-    for name in overrides:
-        keys = name.removeprefix(PREFIX).lower().split("__")
-        places = [".".join(keys[:k]) for k in range(2, len(keys) + 1)]
-        if keys[0] not in in_file:
-            places.append(f"[{keys[0]}]")
-        if mistake.startswith(tuple(f"{place}{sign}" for place in places for sign in (":", " ="))):
-            return f"environment {name}: {mistake}"
-    return mistake
-
-
 def from_document(document: dict[str, Any], path: Path) -> Configuration:
     """The configuration from a parsed document; relative names start from the folder of `path`.
 
     Raises BadConfiguration that lists every mistake with its key.
     """
-    mistakes: list[str] = []
+    mistakes: list[Mistake] = []
     configuration = _from_document(document, path, mistakes)
     if configuration is None:
-        raise BadConfiguration(f"{path}: " + "; ".join(mistakes))
+        raise BadConfiguration(f"{path}: " + "; ".join(mistake.text for mistake in mistakes))
     return configuration
 
 
-class _Trajectory(NamedTuple):
-    """The keys of [replay] that choose the trajectory and the cell; they are no settings of the replay itself."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Named:
+    """The keys of [replay] that choose the trajectory and the cell: names of files, and how the trajectory is played."""
 
-    excitation: Any = ""  # text, once it is checked
-    repetitions: Any = None
-    time_scale: Any = None
-    cell: Any = "plain"
+    excitation: str = ""
+    repetitions: Annotated[int, Interval(ge=1)] | None = None
+    time_scale: Annotated[float, Interval(gt=0.0, le=1.0)] | None = None
+    cell: str = "plain"
 
 
-def _from_document(document: dict[str, Any], path: Path, mistakes: list[str]) -> Configuration | None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Prior:
+    """The key of [drift] that names a file."""
+
+    prior: str = ""
+
+
+NAMING = {"replay": _Named, "drift": _Prior}  # keys of a section that name files; the section's settings hold what is in them
+
+
+def _from_document(document: dict[str, Any], path: Path, mistakes: list[Mistake]) -> Configuration | None:
     """The checked configuration; None, with the mistakes added in the order in which they are reported."""
-    document = {name: dict(section) if isinstance(section, dict) else section for name, section in document.items()}
     classes = section_classes()
-    names = [*classes, "replay"]
-    for unknown in [name for name in document if name not in names]:
-        mistakes.append(f"[{unknown}]: unknown section{nearest(unknown, names)}")
-    replay = document.get("replay", {})
-    chosen = _taken_from(replay, mistakes) if isinstance(replay, dict) else _Trajectory()
-    drift = document.get("drift", {})
-    prior = drift.pop("prior", "") if isinstance(drift, dict) else ""
-    sections = {name: read_section(name, cls, document.get(name, {}), mistakes) for name, cls in classes.items()}
+    mistakes += [of_section(name, f": unknown section{nearest(name, list(classes))}") for name in document if name not in classes]
+    sections, named = {}, {}
+    for name, cls in classes.items():
+        table = document.get(name, {})
+        if name in NAMING and isinstance(table, dict):
+            ours = {field.name for field in dataclasses.fields(NAMING[name])}
+            named[name] = read_section(name, NAMING[name], {key: value for key, value in table.items() if key in ours}, mistakes)
+            table = {key: value for key, value in table.items() if key not in ours}
+        sections[name] = read_section(name, cls, table, mistakes)
     robot: RobotSettings | None = sections["robot"]
-    sections["replay"] = _replay_section(replay, robot, mistakes)
+    chosen: _Named | None = named.get("replay")
     excitation = None
     if robot:
-        shipped = f"{robot.model}-{robot.mounting}"
+        sound = len(mistakes)
         _check_robot(robot, mistakes)
-        if chosen.excitation or not any(mistake.startswith(("robot.model:", "robot.mounting:")) for mistake in mistakes):
-            excitation = _checked(mistakes, "replay.excitation", lambda: find_excitation(chosen.excitation or shipped, path.parent))
-        if sections["drift"] and not any(mistake.startswith("robot.model:") for mistake in mistakes):
-            speed = sections["drift"].reference_speed_rad_s
-            found = _checked(mistakes, "drift.prior", lambda: find_prior(prior, robot.model, speed, path.parent))
-            sections["drift"] = dataclasses.replace(sections["drift"], prior=found)
+        known = not {("robot", "model"), ("robot", "mounting")} & {mistake.key for mistake in mistakes[sound:]}
+        if chosen is not None and (chosen.excitation or known):
+            name = chosen.excitation or f"{robot.model}-{robot.mounting}"
+            excitation = _checked(mistakes, ("replay", "excitation"), lambda: find_excitation(name, path.parent))
+        drift, prior = sections["drift"], named.get("drift")
+        if drift and prior and known:
+            of_file = _checked(
+                mistakes, ("drift", "prior"), lambda: find_prior(prior.prior, robot.model, drift.reference_speed_rad_s, path.parent)
+            )
+            sections["drift"] = dataclasses.replace(drift, prior=of_file)
+        if sections["replay"] and chosen is not None:
+            mounted = Mounting.parse(robot.mounting) if known else Mounting.parse("ground")
+            cell = _checked(mistakes, ("replay", "cell"), lambda: find_cell(chosen.cell, mounted, path.parent))
+            sections["replay"] = dataclasses.replace(sections["replay"], cell=cell, host=robot.host)
+            if sections["replay"].allow_motion is True:
+                _check_gains(robot, mistakes)
+        if excitation is not None and excitation.robot != robot.model:
+            mistakes.append(of_key(("replay", "excitation"), f"made for a {excitation.robot}, but robot.model is {robot.model}"))
+    if excitation is not None and chosen is not None:
+        repetitions, time_scale = chosen.repetitions or excitation.repetitions, chosen.time_scale or excitation.time_scale
+        excitation = dataclasses.replace(excitation, repetitions=repetitions, time_scale=time_scale)
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
-        mistakes.append(f"store.directory = {sections['store'].directory!r}: expected the path of a folder")
-    if excitation is not None:
-        excitation = _adapted(excitation, chosen, mistakes)
-    if robot and sections["replay"] is not None:
-        cell = _checked(mistakes, "replay.cell", lambda: find_cell(chosen.cell, Mounting.parse(robot.mounting), path.parent))
-        sections["replay"] = dataclasses.replace(sections["replay"], cell=cell)
-        if sections["replay"].allow_motion is True:
-            _check_gains(robot, mistakes)
-    if excitation is not None and robot and excitation.robot != robot.model:
-        mistakes.append(f"replay.excitation: made for a {excitation.robot}, but robot.model is {robot.model}")
+        mistakes.append(of_key(("store", "directory"), f"{sections['store'].directory!r}: expected the path of a folder"))
     if sections["inspection"]:
         _check_inspection(sections["inspection"], mistakes)
     sections["bus"] = _with_zenoh_files(sections["bus"], path, mistakes)
     if mistakes:
         return None
     assert excitation is not None  # or there would be a mistake
-    assert robot is not None  # likewise
-    rooms = ("schedule", "store", "replay", "bus", "metrics", "page", "production", "inspection")
-    assess = AssessSettings(method=sections["assess"].method, **{name: sections[name] for name in assess_sections()})
-    made = {name: sections[name] for name in rooms}
-    return Configuration(path=path, robot=robot, assess=assess, excitation=excitation, notices=_notices(document), **made)
+    of_assess = {name: sections.pop(name) for name in assess_sections()}
+    assess = AssessSettings(method=sections.pop("assess").method, **of_assess)
+    return Configuration(path=path, assess=assess, excitation=excitation, **sections)
 
 
-def _notices(document: dict[str, Any]) -> tuple[str, ...]:
-    """A sentence for each key of the file that is read and not documented any more."""
-    retired = retired_keys()
-    present = [f"{section}.{key}" for section, table in document.items() if isinstance(table, dict) for key in table]
-    return tuple(f"{key} is no longer needed ({retired[key]})" for key in present if key in retired)
-
-
-def _taken_from(replay: dict[str, Any], mistakes: list[str]) -> _Trajectory:
-    """Take the trajectory's keys out of the table [replay]."""
-    chosen = _Trajectory(**{name: replay.pop(name) for name in _Trajectory._fields if name in replay})
-    if not isinstance(chosen.excitation, str):
-        mistakes.append(f"replay.excitation = {chosen.excitation!r}: expected the name of a shipped trajectory, or the path of a file")
-        chosen = chosen._replace(excitation="")
-    return chosen
-
-
-def _replay_section(replay: Any, robot: RobotSettings | None, mistakes: list[str]) -> ReplaySettings | None:
-    """The settings of [replay], with the controller's address from [robot]."""
-    if isinstance(replay, dict):
-        if "host" in replay:
-            mistakes.append("replay.host: belongs into [robot]")
-        replay = {**replay, "host": robot.host if robot else "127.0.0.1"}
-    return cast("ReplaySettings | None", read_section("replay", ReplaySettings, replay, mistakes))
-
-
-def _check_robot(robot: RobotSettings, mistakes: list[str]) -> None:
+def _check_robot(robot: RobotSettings, mistakes: list[Mistake]) -> None:
     """Model, mounting, ids and gains are such that the rooms can use them."""
-    _checked(mistakes, "robot.model", lambda: load_robot(robot.model))
-    _checked(mistakes, "robot.mounting", lambda: Mounting.parse(robot.mounting))
-    _checked(mistakes, "robot", lambda: prefix(robot.site, robot.id))
+
+    def wrong(key: str, reason: str) -> None:
+        mistakes.append(of_key(("robot", key), reason))
+
+    _checked(mistakes, ("robot", "model"), lambda: load_robot(robot.model))
+    _checked(mistakes, ("robot", "mounting"), lambda: Mounting.parse(robot.mounting))
+    _checked(mistakes, ("robot",), lambda: prefix(robot.site, robot.id))
     if robot.gains_nm_per_a and (len(robot.gains_nm_per_a) != 6 or min(robot.gains_nm_per_a) <= 0):
-        mistakes.append("robot.gains_nm_per_a: expected one positive figure for each of 6 joints")
+        wrong("gains_nm_per_a", "expected one positive figure for each of 6 joints")
     if len(robot.payload_cog_m) not in (0, 3):
-        mistakes.append(f"robot.payload_cog_m = {list(robot.payload_cog_m)}: expected x, y, z in metres")
+        wrong("payload_cog_m", f"{list(robot.payload_cog_m)}: expected x, y, z in metres")
     if len(robot.tcp_offset) not in (0, 6):
-        mistakes.append(f"robot.tcp_offset = {list(robot.tcp_offset)}: expected x, y, z in metres and rx, ry, rz in radians")
+        wrong("tcp_offset", f"{list(robot.tcp_offset)}: expected x, y, z in metres and rx, ry, rz in radians")
     for plane in robot.safety_planes:
         if len(plane) != 4 or not abs(math.hypot(*plane[:3]) - 1.0) <= 1e-3:
-            mistakes.append(f"robot.safety_planes: {list(plane)}: expected a, b, c, d with a² + b² + c² = 1; a·x + b·y + c·z ≤ d is free")
+            wrong("safety_planes", f"{list(plane)}: expected a, b, c, d with a² + b² + c² = 1; a·x + b·y + c·z ≤ d is free")
 
 
-def _check_inspection(inspection: InspectionSettings, mistakes: list[str]) -> None:
+def _check_inspection(inspection: InspectionSettings, mistakes: list[Mistake]) -> None:
     """Each last time of a check is a date."""
     for item in inspection.items:
         try:
             unix_s(item.last_done or "1970-01-01")
         except ValueError:
-            mistakes.append(f'inspection.items: last_done = {item.last_done!r} of {item.name!r}; expected a date, e.g. "2026-01-31"')
+            reason = f'last_done = {item.last_done!r} of {item.name!r}; expected a date, e.g. "2026-01-31"'
+            mistakes.append(of_key(("inspection", "items"), reason))
 
 
-def _check_gains(robot: RobotSettings, mistakes: list[str]) -> None:
+def _check_gains(robot: RobotSettings, mistakes: list[Mistake]) -> None:
     """An arm that may move has its gains: without them no collision is noticed, and no replay can be judged."""
     try:
         published = load_robot(robot.model).drive_gain_nm_per_a
     except BadInput:
         return  # the model is a mistake of its own
     if not robot.gains_nm_per_a and not np.all(np.isfinite(published)):
-        mistakes.append(
-            f"robot.gains_nm_per_a: missing, and the torque per ampere of a {robot.model} is not published by its manufacturer; without it "
+        reason = (
+            f"missing, and the torque per ampere of a {robot.model} is not published by its manufacturer; without it "
             "no collision is noticed and no replay can be judged. `joint-monitor init` finds the six figures and says from where; "
             "until then set replay.allow_motion = false"
         )
+        mistakes.append(of_key(("robot", "gains_nm_per_a"), reason))
 
 
-def _adapted(excitation: Excitation, chosen: _Trajectory, mistakes: list[str]) -> Excitation:
-    """The trajectory with the repetitions and the time scale of [replay]."""
-    repetitions, time_scale = chosen.repetitions, chosen.time_scale
-    if repetitions is not None:
-        if isinstance(repetitions, int) and not isinstance(repetitions, bool) and repetitions >= 1:
-            excitation = dataclasses.replace(excitation, repetitions=repetitions)
-        else:
-            mistakes.append(f"replay.repetitions: {repetitions!r} is not a whole number of 1 or more")
-    if time_scale is not None:
-        if isinstance(time_scale, int | float) and not isinstance(time_scale, bool) and 0 < time_scale <= 1:
-            excitation = dataclasses.replace(excitation, time_scale=float(time_scale))
-        else:
-            mistakes.append(f"replay.time_scale: {time_scale!r}; expected more than 0, at most 1")
-    return excitation
-
-
-def _with_zenoh_files(bus: BusSettings | None, path: Path, mistakes: list[str]) -> BusSettings | None:
+def _with_zenoh_files(bus: BusSettings | None, path: Path, mistakes: list[Mistake]) -> BusSettings | None:
     """The same with absolute paths of Zenoh's configuration files, each of which must exist."""
     for name in ("zenoh", "client_zenoh") if bus else ():
         if value := getattr(bus, name):
             if not (path.parent / value).is_file():
-                mistakes.append(f"bus.{name}: {path.parent / value} does not exist")
+                mistakes.append(of_key(("bus", name), f"{path.parent / value} does not exist"))
             bus = dataclasses.replace(bus, **{name: str((path.parent / value).resolve())})  # type: ignore[type-var]
     return bus
 
 
-def _checked(mistakes: list[str], key: str, make: Callable[[], Made]) -> Made | None:
-    """Calls `make`. Where it raises BadInput, adds `key: message` to `mistakes` and returns None."""
+def _checked(mistakes: list[Mistake], key: tuple[str, ...], make: Callable[[], Made]) -> Made | None:
+    """Calls `make`. Where it raises BadInput, adds its message to `mistakes` and returns None."""
     try:
         return make()
     except BadInput as error:
-        mistakes.append(f"{key}: {error}")
+        mistakes.append(of_key(key, str(error)))
         return None

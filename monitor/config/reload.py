@@ -1,10 +1,12 @@
 """Reloading: which settings of a new configuration take effect while the service runs, and which wait for a restart."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from monitor.config.schema import Configuration
-from monitor.config.sections import OF_OTHER_FILES
+from monitor.config.schema import Configuration, assess_sections
+from monitor.design.cell import Cell
+from monitor.judge.drift.prior import FleetPrior
 
 # sockets, files and identity are opened once
 NEEDS_RESTART = (
@@ -51,41 +53,40 @@ def reloaded(old: Configuration, new: Configuration) -> Reloaded:
     different = sorted(key for key in was.keys() | will.keys() if was.get(key) != will.get(key))
     waiting = tuple(key for key in different if any(key == name or key.startswith(f"{name}.") for name in NEEDS_RESTART))
     held = () if "store.directory" in waiting else tuple(key for key in waiting if key in BOUND_TO_HISTORY)
-    kept = {name: getattr(old, name) for name in ("production", "bus", "metrics", "page") if hasattr(old, name)}
-    staying = [name.removeprefix("robot.") for name in NEEDS_RESTART if name.startswith("robot.")]
-    robot = dataclasses.replace(new.robot, **{name: getattr(old.robot, name) for name in staying})
-    excitation = new.excitation if new.robot.model == old.robot.model else old.excitation  # a trajectory is made for one model
-    speed = old.assess.drift.reference_speed_rad_s
-    merged = dataclasses.replace(
-        new,
-        robot=robot,
-        store=dataclasses.replace(new.store, directory=old.store.directory),
-        replay=dataclasses.replace(new.replay, **{name: getattr(old.replay, name) for name in ("host", "hand_over", "hand_over_listen")}),
-        assess=dataclasses.replace(new.assess, drift=dataclasses.replace(new.assess.drift, reference_speed_rad_s=speed)),
-        excitation=excitation,
-        path=old.path,
-        **kept,
-    )
+    merged = dataclasses.replace(new, path=old.path)
+    for key in (*NEEDS_RESTART, "replay.host"):
+        merged = _as_before(merged, old, key.split("."))
+    if new.robot.model != old.robot.model:  # a trajectory is made for one model
+        merged = dataclasses.replace(merged, excitation=old.excitation)
     changed = tuple(key for key in different if key not in waiting)
     return Reloaded(merged, changed, tuple(key for key in waiting if key not in held), held)
+
+
+def _as_before(new: Any, old: Any, key: Sequence[str]) -> Any:
+    """The new settings with the value of one key, or of a section, as it was."""
+    if key[0] in assess_sections() and hasattr(new, "assess"):
+        key = ("assess", *key)
+    name, *rest = key
+    value = _as_before(getattr(new, name), getattr(old, name), rest) if rest else getattr(old, name)
+    return dataclasses.replace(new, **{name: value})
 
 
 def _flat(configuration: Configuration) -> dict[str, Any]:
     """Every setting by its key in the file."""
     flat: dict[str, Any] = {"replay.excitation": (configuration.excitation.digest, configuration.excitation.repetitions)}
     for section in dataclasses.fields(configuration):
-        if section.name in {"path", "excitation", "assess", "overrides", "notices"}:
+        if section.name in {"path", "excitation", "assess", "overrides"}:
             continue
         _into(flat, section.name, getattr(configuration, section.name))
     for room in dataclasses.fields(configuration.assess):
         value = getattr(configuration.assess, room.name)
         _into(flat, room.name if dataclasses.is_dataclass(value) else f"assess.{room.name}", value)
-    flat.pop("replay.host")  # it is set in [robot]
+    flat.pop("replay.host")  # the same as robot.host
     return flat
 
 
 def _into(flat: dict[str, Any], place: str, value: Any) -> None:
-    if dataclasses.is_dataclass(value) and not isinstance(value, (type, *OF_OTHER_FILES)):
+    if dataclasses.is_dataclass(value) and not isinstance(value, type | Cell | FleetPrior):
         for field in dataclasses.fields(value):
             _into(flat, f"{place}.{field.name}", getattr(value, field.name))
     else:

@@ -12,7 +12,6 @@ from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.acquire.settings import Installation, ProductionListenSettings, ReplaySettings
 from monitor.errors import BadInput
 from monitor.judge.assess import AssessSettings
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.inspection import InspectionSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
@@ -101,7 +100,6 @@ class Configuration:
     production: ProductionListenSettings = dataclasses.field(default_factory=ProductionListenSettings)
     inspection: InspectionSettings = dataclasses.field(default_factory=InspectionSettings)
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
-    notices: tuple[str, ...] = ()  # keys of the file that are read, and are not needed any more
 
     @property
     def driver(self) -> "Driver":
@@ -178,21 +176,16 @@ class Configuration:
 
 
 def section_classes() -> dict[str, type]:
-    """The sections that are one room's settings each."""
-    rooms: dict[str, type] = {"robot": RobotSettings, "schedule": ScheduleSettings, "store": StoreSettings, "bus": BusSettings}
-    rooms |= {"metrics": MetricsSettings, "page": PageSettings, "production": ProductionListenSettings, "inspection": InspectionSettings}
-    return rooms | assess_sections() | {"assess": FlowSettings}
+    """The sections of the file, each the settings of one room, by name: the fields of `Configuration` and of `AssessSettings`."""
+    hints = get_type_hints(Configuration)
+    rooms = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint) and hint not in (AssessSettings, Excitation)}
+    return rooms | assess_sections() | {"assess": FlowSettings}  # type: ignore[return-value]
 
 
 def assess_sections() -> dict[str, type]:
     """The sections that are one value each within `AssessSettings`, by name."""
     hints = get_type_hints(AssessSettings)
     return {field.name: hints[field.name] for field in dataclasses.fields(AssessSettings) if dataclasses.is_dataclass(hints[field.name])}
-
-
-def retired_keys() -> dict[str, str]:
-    """Why a key is not documented any more, by `section.key`. It is still read."""
-    return {f"drift.{key}": why for key, why in DriftSettings.retired.items()}
 
 
 def text_keys() -> set[str]:
@@ -206,6 +199,6 @@ def text_keys() -> set[str]:
             elif hint is str or hint == str | None:
                 keys.add(f"{place}.{name}")
 
-    for name, cls in {**section_classes(), "replay": ReplaySettings}.items():
+    for name, cls in section_classes().items():
         collect(cls, name)
     return keys | {"replay.excitation", "replay.cell", "drift.prior"}

@@ -1,18 +1,16 @@
-"""One section of the file: its table checked against the types of a settings class, each mistake named with its key."""
+"""One section of the file: its table checked against the types of a settings class, each mistake with the key that has it."""
 
 import dataclasses
 import difflib
-import re
+from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, StrictBool, StrictFloat, StrictInt, ValidationError, create_model
 
-from monitor.design.cell import Cell
 from monitor.errors import BadInput
-from monitor.judge.drift.prior import FleetPrior
 
-OF_OTHER_FILES = (Cell, FleetPrior)  # a key names the file that holds the value
 # TOML's words for pydantic's types of error
 _EXPECTED = {
     "string_type": "expected text in quotes",
@@ -24,13 +22,31 @@ _EXPECTED = {
 }
 
 
-def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out: frozenset[Any] = frozenset()) -> Any:
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """One mistake of a configuration."""
+
+    key: tuple[str, ...]  # its place: section, key, number of a table in a list; empty: a variable of the environment has it
+    text: str  # with the key; the value is left out where it may be secret
+
+
+def of_key(key: tuple[str, ...], reason: str) -> Mistake:
+    """The mistake of one key, with its dotted name."""
+    return Mistake(key, f"{'.'.join(key)}: {reason}")
+
+
+def of_section(name: str, reason: str) -> Mistake:
+    """The mistake of a section as a whole."""
+    return Mistake((name,), f"[{name}]{reason}")
+
+
+def read_section(name: str, cls: type, value: Any, mistakes: list[Mistake], left_out: frozenset[Any] = frozenset()) -> Any:
     """One room's settings from its TOML table; None, with the mistakes added, where it does not fit.
 
     left_out : keys whose mistakes are named already; the mistakes in the others are named as well.
     """
     if not isinstance(value, dict):
-        mistakes.append(f"{name}: expected a table [{name}]")
+        mistakes.append(of_key((name,), f"expected a table [{name}]"))
         return None
     schema = _schema(cls)
     wrong: set[Any]
@@ -39,25 +55,36 @@ def read_section(name: str, cls: type, value: Any, mistakes: list[str], left_out
     except ValidationError as error:
         problems = [problem for problem in error.errors() if not (problem["type"] == "missing" and problem["loc"][0] in left_out)]
         for problem in problems:
-            key = ".".join(str(part) for part in (name, *problem["loc"]))
+            key = tuple(str(part) for part in (name, *problem["loc"]))
             if problem["type"] == "extra_forbidden":
-                mistakes.append(f"{key}: unknown key{nearest(str(problem['loc'][-1]), _keys(cls, problem['loc'][:-1]))}")
+                mistakes.append(of_key(key, f"unknown key{nearest(key[-1], _keys(cls, problem['loc'][:-1]))}"))
             elif problem["type"] == "missing":
-                mistakes.append(f"{key}: missing")
+                mistakes.append(of_key(key, "missing"))
             else:
                 reason = _EXPECTED.get(problem["type"], f"{problem['msg'][0].lower()}{problem['msg'][1:]}")
-                mistakes.append(f"{key} = {problem['input']!r}: {reason}")
+                shown = "" if is_secret(key) else f" = {problem['input']!r}"
+                mistakes.append(Mistake(key, f"{'.'.join(key)}{shown}: {reason}"))
         wrong = {problem["loc"][0] for problem in problems}
     except (BadInput, ValueError) as error:  # a room may refuse a value or a combination that its types allow
         # a room names itself and, for one key's mistake, the key: `replay: gain = 5.0; expected …`, `schedule.cron = …`
-        reason = re.sub(rf"\A\[?{re.escape(name)}\]?[.:] *", "", str(error))
-        named = re.match(r"\w+(?= = )", reason)
-        mistakes.append(f"{name}.{reason}" if named else f"[{name}] {reason}")
-        wrong = {named[0]} if named else set()
+        reason = str(error).removeprefix(f"{name}.").removeprefix(f"{name}:").strip()
+        named = reason.partition(" = ")[0]
+        if named in value or named in _keys(cls, ()):
+            shown = reason.replace(repr(value.get(named)), "…") if is_secret((name, named)) else reason
+            mistakes.append(Mistake((name, named), f"{name}.{shown}"))
+            wrong = {named}
+        else:
+            mistakes.append(of_section(name, f" {reason}"))
+            wrong = set()
     if wrong & value.keys():
         rest = {key: entry for key, entry in value.items() if key not in wrong}
         read_section(name, cls, rest, mistakes, left_out | wrong)
     return None
+
+
+def is_secret(key: tuple[str, ...]) -> bool:
+    """Whether the value of a key may be secret, by its name."""
+    return any(word in part for part in key[1:] for word in ("password", "secret", "token", "database"))
 
 
 # "yes" must never become allow_motion = true
@@ -69,6 +96,8 @@ def _strict(hint: Any) -> Any:
     if get_origin(hint) is Annotated:
         inner, *bounds = get_args(hint)
         return Annotated[_STRICT.get(inner, inner), *bounds]
+    if get_origin(hint) in (Union, UnionType):
+        return Union[tuple(_strict(each) for each in get_args(hint))]  # noqa: UP007 - made of parts
     table = _table_of(hint)
     return _STRICT.get(hint, hint) if table is None else tuple[_schema(table), ...]  # type: ignore[misc]
 
@@ -90,10 +119,8 @@ def _schema(cls: type) -> type[BaseModel]:
     """The pydantic model of a room's dataclass: the same fields, no others, no NaN."""
     hints = get_type_hints(cls, include_extras=True)
     fields: dict[str, Any] = {}
-    for field in dataclasses.fields(cls):
+    for field in keys_of(cls):
         hint = hints[field.name]
-        if any(hint == each | None for each in OF_OTHER_FILES):
-            continue
         if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             nested = _schema(hint)
             fields[field.name] = (nested, nested())
@@ -126,10 +153,15 @@ def _keys(cls: type, place: tuple[int | str, ...]) -> list[str]:
         if not isinstance(step, int):  # the number of a table in a list
             hint = _hints(cls)[step]
             cls = _table_of(hint) or hint
-    return [field.name for field in dataclasses.fields(cls)]
+    return [field.name for field in keys_of(cls)]
+
+
+def keys_of(cls: type) -> "list[dataclasses.Field[Any]]":
+    """The fields of a settings class that are keys of the file: all but those with `NO_KEY`."""
+    return [field for field in dataclasses.fields(cls) if field.metadata.get("toml", True)]
 
 
 def nearest(word: str, known: list[str]) -> str:
     """The end of a mistake about an unknown word: the known word most like it, else all of them."""
     near = difflib.get_close_matches(word, known, n=1)
-    return f" (did you mean {near[0]}?)" if near else f"; known are {', '.join(known)}"
+    return f" (did you mean {near[0]}?)" if near else f"; since version 1.0 known are {', '.join(known)}"

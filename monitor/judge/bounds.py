@@ -1,10 +1,13 @@
 """The bounds of a room's settings, checked where settings are made: each bound stands once, in the annotation of its field."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from annotated_types import Interval
 
 from monitor.errors import BadConfiguration
+
+NO_KEY: Mapping[str, bool] = {"toml": False}  # metadata of a settings field that is no key of the configuration
 
 
 def check_bounds(settings: Any, section: str) -> None:

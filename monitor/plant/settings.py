@@ -2,7 +2,6 @@
 
 import os
 import re
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,16 +9,15 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from annotated_types import Interval
 
-from monitor.config.sections import nearest, read_section
-from monitor.config.sources import PREFIX, overridden, placed, with_credentials, without_secrets
-from monitor.errors import BadConfiguration, BadInput
+from monitor.config.sections import nearest, of_section, read_section
+from monitor.config.sources import PREFIX, Source
+from monitor.errors import BadInput
 from monitor.plant.screen.settings import ScreenSettings
 from monitor.publish.session import BusSettings, MetricsSettings
 
 FOR_ALL = Path("/etc/joint-monitor-plant.toml")  # of the shipped unit
 EMBEDDED = "plant.sqlite"
 DRIVER, OF_FILE = "postgresql+psycopg", "sqlite:///"
-_SECRET = re.compile(r"\A(\w+\.(?:database|\w*(?:password|secret|token)\w*)[\w.]*) = .*: ", re.DOTALL)  # a mistake that would repeat one
 OF_SERVICE = ("screen", "metrics")  # sections that the running plant alone reads
 OF_GATEWAY = ("gateway", "notify", "tickets", "mqtt", "opcua", "ros2")  # sections that `joint-monitor gateway` reads in the same file
 
@@ -120,35 +118,18 @@ def load_sections(
     no program needs another one's credentials. Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
-    text, document = ("", {}) if path is None else _parsed(path)
-    mistakes: list[str] = []
-    secrets: dict[str, str] = {}
+    source = Source(Path("environment"), "", {}) if path is None else Source.read(path)
     prefixes = tuple(f"{PREFIX}{name.upper()}__" for name in own)
-    ours = {name: value for name, value in environment.items() if name.startswith(prefixes)}
-    overrides = overridden(document, ours, mistakes, _text_keys(own))
-    document = {name: value for name, value in document.items() if name in own or name not in others}
-    document = with_credentials(document, environment.get("CREDENTIALS_DIRECTORY"), mistakes, secrets)
-    mistakes += [f"[{name}]: unknown section{nearest(name, list(dict.fromkeys((*own, *others))))}" for name in document if name not in own]
-    settings = {name: read_section(name, cls, document.get(name, {}), mistakes) for name, cls in own.items()}
-    if mistakes:
-        where = path or Path("environment")
-        shown = [placed(without_secrets(_SECRET.sub(r"\1: ", mistake), secrets), where, text) for mistake in mistakes]
-        raise BadConfiguration(shown[0] if len(shown) == 1 else "\n  ".join((f"{where}: {len(shown)} mistakes", *shown)))
-    return Sections(settings, tuple(overrides), secrets)
+    source.override({name: value for name, value in environment.items() if name.startswith(prefixes)}, _text_keys(own))
+    source.document = {name: value for name, value in source.document.items() if name in own or name not in others}
+    source.take_credentials(environment.get("CREDENTIALS_DIRECTORY"))
+    known = list(dict.fromkeys((*own, *others)))
+    source.mistakes += [of_section(name, f": unknown section{nearest(name, known)}") for name in source.document if name not in own]
+    settings = {name: read_section(name, cls, source.document.get(name, {}), source.mistakes) for name, cls in own.items()}
+    source.refuse()
+    return Sections(settings, source.overrides, source.secrets)
 
 
 def _text_keys(own: Mapping[str, type]) -> set[str]:
     """The keys whose value is text, also where it looks like a number."""
     return {f"{section}.{name}" for section, cls in own.items() for name, hint in get_type_hints(cls).items() if hint is str}
-
-
-def _parsed(path: Path) -> tuple[str, dict[str, Any]]:
-    try:
-        text = path.read_text("utf-8-sig")
-        return text, tomllib.loads(text)
-    except OSError as error:
-        raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise BadConfiguration(f"{path}: is no UTF-8; save the file as UTF-8") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise BadConfiguration(f"{path}: not TOML: {error}") from None

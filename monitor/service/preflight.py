@@ -42,7 +42,7 @@ def _configuration(configuration: Configuration) -> ConditionResult:
     text = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
     prior = configuration.assess.drift.prior
     told = [] if prior is None else [f"joints begin with the prior of a fleet of {prior.arms} {prior.model} ({prior.digest})"]
-    text = "; ".join([text, *told, *configuration.notices])
+    text = "; ".join([text, *told])
     return ConditionResult(name="configuration", holds=True, text=text)
 
 

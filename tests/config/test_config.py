@@ -12,7 +12,7 @@ import pytest
 from monitor.config import schema
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document, load
-from monitor.config.schema import retired_keys
+from monitor.config.sections import keys_of
 from monitor.errors import BadConfiguration, BadInput
 
 ROOT = Path(__file__).parents[2]
@@ -36,13 +36,13 @@ def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
 
     def collect(cls: type, table: dict, place: str) -> None:
         hints = get_type_hints(cls)
-        for field in dataclasses.fields(cls):
+        for field in keys_of(cls):
             hint = hints[field.name]
             if isinstance(hint, type) and dataclasses.is_dataclass(hint):
                 collect(hint, table[field.name], f"{place}.{field.name}")
                 continue
-            if (place, field.name) in {("replay", "host"), ("robot", "serial")} or f"{place}.{field.name}" in retired_keys():
-                continue  # host belongs to [robot]; a serial number has no default; a retired key is read, and not documented
+            if (place, field.name) == ("robot", "serial"):
+                continue  # it has no default
             assert field.name in table, f"{place}.{field.name} is not in the reference"
             keys.add(field.name)
 
@@ -64,16 +64,12 @@ def test_the_drift_filter_has_at_most_twelve_documented_keys():
     assert len(tomllib.loads(REFERENCE.read_text("utf-8"))["drift"]) <= 12
 
 
-def test_a_key_of_an_older_file_is_read_with_a_notice_that_says_why_it_went():
-    """Its value is in force, checked as before; a file without such keys has no notice."""
-    for key, why in retired_keys().items():
-        section, name = key.split(".")
-        usual = getattr(from_document(LEAST, Path("cell.toml")).assess.drift, name)
-        older = from_document({**LEAST, section: {name: usual}}, Path("cell.toml"))
-        assert older.notices == (f"{key} is no longer needed ({why})",)
-    assert from_document({**LEAST, "drift": {"caution": 0.7}}, Path("cell.toml")).assess.drift.caution == 0.7
-    assert "drift.caution" in refusal(drift={"caution": -1.0})
-    assert from_document(LEAST, Path("cell.toml")).notices == ()
+def test_a_key_of_a_version_before_1_0_is_refused_and_the_known_ones_are_named():
+    """What the arm teaches is no key any more, and a section that had another name is unknown."""
+    for key in ("gate_sigma", "shift_sigma", "memory_replays", "alike_replays"):
+        assert f"drift.{key}: unknown key" in refusal(drift={key: 4.0})
+    assert "drift.gate_sigma: unknown key; since version 1.0 known are reference_speed_rad_s, " in refusal(drift={"gate_sigma": 4.0})
+    assert re.search(r"\[work\]: unknown section; since version 1\.0 known are robot, .*production", refusal(work={"listen": True}))
 
 
 def refusal(**sections: object) -> str:
@@ -396,10 +392,6 @@ def test_a_service_without_a_directory_has_its_history_where_systemd_put_it_and_
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x:/var/lib/y"}).state_directory == Path("/var/lib/x")
     monkeypatch.setattr("monitor.config.load.ETC", tmp_path)
     assert load(tmp_path / "cell-1.toml", {}).state_directory == Path("/var/lib/joint-monitor/cell-1")
-    begun = tmp_path / "var/joint-monitor"  # by an earlier version, which knew no other place
-    begun.mkdir(parents=True)
-    (begun / "history.sqlite").touch()
-    assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == begun
     (tmp_path / "cell-1.toml").write_text(f'{least}[store]\ndirectory = "history"\n')
     assert load(tmp_path / "cell-1.toml", {"STATE_DIRECTORY": "/var/lib/x"}).state_directory == tmp_path / "history"
 
@@ -414,4 +406,4 @@ def test_a_secret_in_a_list_of_tables_comes_from_its_credential_too(tmp_path):
     read = with_credentials(document, str(tmp_path), mistakes, secrets)
     assert read["notify"]["to"][1]["secret"] == "s3cret"
     assert secrets == {"hook": "s3cret"}
-    assert [mistake.partition(":")[0] for mistake in mistakes] == ["notify.to.1.token"]
+    assert [mistake.key for mistake in mistakes] == [("notify", "to", "1", "token")]

@@ -185,7 +185,7 @@ def test_a_month_without_replays_changes_only_the_uncertainty_and_the_wear_at_it
     assert np.all(after.wear_std**2 > 1.3 * before.wear_std**2)
 
 
-@pytest.mark.parametrize("wrong", [{"reference_speed_rad_s": 1.5}, {"gate_run": 1}, {"autocorrelation": 0.97}, {"between_std": 0.0}])
+@pytest.mark.parametrize("wrong", [{"reference_speed_rad_s": 1.5}, {"settle_replays": -1}, {"autocorrelation": 0.97}, {"between_std": 0.0}])
 def test_settings_out_of_range_are_named(wrong):
     """The message begins with the key as it stands in the file."""
     with pytest.raises(BadConfiguration, match=f"drift.{next(iter(wrong))}"):

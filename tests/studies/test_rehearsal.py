@@ -27,7 +27,7 @@ from monitor.studies.rehearsal.remaining_life import life
 
 NOTHING = Covered(float("nan"), float("nan"))
 ASSESS = AssessSettings()
-FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0, alike_replays=0.0))  # every joint's noise from its own replays alone
+FREE = replace(ASSESS, drift=replace(ASSESS.drift, caution=0.0))  # every joint's noise from its own replays alone
 
 
 @pytest.mark.soak

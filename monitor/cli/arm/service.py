@@ -42,8 +42,6 @@ def _serve(configuration: "Configuration", now: bool) -> None:
     log_as_a_service(configuration.robot.site, configuration.robot.id)
     for name in configuration.overrides:
         logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
-    for notice in configuration.notices:
-        logging.getLogger("monitor").warning("%s", notice)
     serve(configuration, replay_now=now)
 
 

@@ -13,7 +13,7 @@ from monitor.store.provenance import provenance
 
 # what decides an identification, and what decides a verdict besides: another text of one of them makes another result
 IDENTIFIES = (
-    "recording.py", "errors.py", "identify", "model", "assess.py", "store/formats/columns.py", "store/formats/recordings.py",
+    "recording.py", "errors.py", "identify", "model", "judge/assess.py", "store/formats/columns.py", "store/formats/recordings.py",
     "studies/reassess/identified.py", "studies/reassess/identify_month.py",
 )  # fmt: skip
 JUDGES = (*IDENTIFIES, "judge", "service/history", "studies/reassess")

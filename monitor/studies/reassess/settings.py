@@ -1,14 +1,14 @@
 """Other settings for the past: the keys that a file names replace those with which each verdict was made; the others stay. I/O."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from monitor.config.files import find_prior
 from monitor.config.schema import FlowSettings, assess_sections, section_classes
-from monitor.config.sections import nearest, read_section
-from monitor.errors import BadConfiguration, BadInput
+from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
+from monitor.config.sources import Source
+from monitor.errors import BadInput
 from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.settings import DriftSettings
@@ -20,35 +20,28 @@ def read_changes(path: Path) -> dict[str, Any]:
 
     Raises BadConfiguration that names every mistake with its key, and BadInput where the file names nothing that a verdict depends on.
     """
-    try:
-        document = tomllib.loads(path.read_text("utf-8-sig"))
-    except OSError as error:
-        raise BadConfiguration(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadConfiguration(f"{path}: not TOML: {error}") from None
+    source = Source.read(path)
+    document, mistakes = source.document, source.mistakes
     sections = {**assess_sections(), "assess": FlowSettings}
-    others = {*section_classes(), "replay"} - set(sections)
-    mistakes = [
-        f"[{name}]: unknown section{nearest(name, [*sections])}" for name in document if name not in sections and name not in others
-    ]
+    known = section_classes()
+    mistakes += [of_section(name, f": unknown section{nearest(name, [*sections])}") for name in document if name not in known]
     changes: dict[str, Any] = {}
     drift = document.get("drift")
     prior = drift.pop("prior", None) if isinstance(drift, dict) else None  # it names a file, see `for_arm`
     for name, cls in sections.items():
         if name not in document:
             continue
-        wrong: list[str] = []
+        wrong: list[Mistake] = []
         read_section(name, cls, document[name], wrong)
         # whether values go together is seen with those of the history, and not with the defaults: `settings_with`
-        mistakes += [mistake for mistake in wrong if not mistake.startswith(f"[{name}] ")]
+        mistakes += [mistake for mistake in wrong if len(mistake.key) > 1 or not isinstance(document[name], dict)]
         if isinstance(document[name], dict):
             changes |= document[name] if name == "assess" else {name: document[name]}
     if isinstance(prior, str):
         changes["drift"] = {**changes.get("drift", {}), "prior": str(path.absolute().parent / prior) if prior else ""}
     elif prior is not None:
-        mistakes.append(f"drift.prior = {prior!r}: expected the path of a file that `joint-monitor prior` has written")
-    if mistakes:
-        raise BadConfiguration(mistakes[0] if len(mistakes) == 1 else "\n  ".join((f"{path}: {len(mistakes)} mistakes", *mistakes)))
+        mistakes.append(of_key(("drift", "prior"), f"{prior!r}: expected the path of a file that `joint-monitor prior` has written"))
+    source.refuse()
     if not any(changes.values()):
         raise BadInput(f"{path}: changes nothing that a verdict depends on; expected keys of {', '.join(f'[{name}]' for name in sections)}")
     return changes
