@@ -1,12 +1,15 @@
 """The first configuration of an arm, written from answers: a TOML file with a comment for what a person must know. I/O."""
 
-import json
 import os
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import tomlkit
+from tomlkit.items import Table
+from tomlkit.toml_document import TOMLDocument
 
 from monitor.config.files import write_whole
 from monitor.errors import BadInput
@@ -47,76 +50,76 @@ class Answers:
 
 def configuration_text(answers: Answers) -> str:
     """The TOML file. Every line that a person may have to change says why it is so."""
-    parts = [
-        *_comment(
-            f"The monitor of one arm, written by `joint-monitor init` {answers.written}. Change it as you like: what it leaves out has the "
-            "default that docs/configuration.md gives, and `joint-monitor check` says what is wrong."
-        ),
-        "",
-        *_robot(answers),
-        "",
-        *_replay(answers),
-        "",
-        "[schedule]",
-        _line("timezone", answers.timezone, "of cron and of every time that is shown"),
-        _line("cron", answers.cron, "when a window opens: minute hour day month weekday"),
-        "",
-        "[store]",
-        _line("directory", answers.store, "where the history lives; relative to this file"),
-        "",
-        "[bus]",
-        _line("listen", [f"tcp/127.0.0.1:{answers.bus_port}"], "one port for each arm of this machine"),
-    ]
+    document = tomlkit.document()
+    _comment(
+        document,
+        f"The monitor of one arm, written by `joint-monitor init` {answers.written}. Change it as you like: what it leaves out has the "
+        "default that docs/configuration.md gives, and `joint-monitor check` says what is wrong.",
+    )
+    document.add(tomlkit.nl())
+    document.add("robot", _robot(answers))
+    document.add("replay", _replay(answers))
+    schedule = tomlkit.table()
+    _add(schedule, "timezone", answers.timezone, "of cron and of every time that is shown")
+    _add(schedule, "cron", answers.cron, "when a window opens: minute hour day month weekday")
+    document.add("schedule", _spaced(schedule))
+    store = tomlkit.table()
+    _add(store, "directory", answers.store, "where the history lives; relative to this file")
+    document.add("store", _spaced(store))
+    bus = tomlkit.table()
+    _add(bus, "listen", [f"tcp/127.0.0.1:{answers.bus_port}"], "one port for each arm of this machine")
+    document.add("bus", bus)
     if answers.page:
-        parts += ["", "[page]", _line("listen", answers.page, f"the status page: http://{answers.page}/")]
-    return "\n".join(parts) + "\n"
+        page = tomlkit.table()
+        _add(page, "listen", answers.page, f"the status page: http://{answers.page}/")
+        bus.add(tomlkit.nl())
+        document.add("page", page)
+    return tomlkit.dumps(document)
 
 
-def _robot(answers: Answers) -> list[str]:
-    lines = [
-        "[robot]",
-        _line("model", answers.model),
-        _line("site", answers.site, "part of the bus's keys"),
-        _line("id", answers.id, "likewise; unique within the site"),
-        _line("host", answers.host, "the controller"),
-        *([] if answers.robot_api_port == 80 else [_line("robot_api_port", answers.robot_api_port, "of its Robot API; 80 on a real arm")]),
-        _line("mounting", answers.mounting, 'ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees'),
-        _line("payload_kg", answers.payload_kg, "as set in the controller"),
-    ]
+def _robot(answers: Answers) -> Table:
+    table = tomlkit.table()
+    _add(table, "model", answers.model)
+    _add(table, "site", answers.site, "part of the bus's keys")
+    _add(table, "id", answers.id, "likewise; unique within the site")
+    _add(table, "host", answers.host, "the controller")
+    if answers.robot_api_port != 80:
+        _add(table, "robot_api_port", answers.robot_api_port, "of its Robot API; 80 on a real arm")
+    _add(table, "mounting", answers.mounting, 'ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees')
+    _add(table, "payload_kg", answers.payload_kg, "as set in the controller")
     if answers.payload_cog_m:
-        lines.append(_line("payload_cog_m", answers.payload_cog_m, "its centre in the flange's frame, as set in the controller"))
+        _add(table, "payload_cog_m", answers.payload_cog_m, "its centre in the flange's frame, as set in the controller")
     if answers.tcp_offset:
-        lines.append(_line("tcp_offset", answers.tcp_offset, "tool centre point as set in the controller: m, and rotation vector in rad"))
+        _add(table, "tcp_offset", answers.tcp_offset, "tool centre point as set in the controller: m, and rotation vector in rad")
     if answers.tcp_speed_limit_m_s:
-        lines.append(_line("tcp_speed_limit_m_s", answers.tcp_speed_limit_m_s, "of tool and elbow, as in the controller's safety settings"))
-    lines.append(_line("tool", answers.tool, "in your words; a change of it begins a new baseline"))
+        _add(table, "tcp_speed_limit_m_s", answers.tcp_speed_limit_m_s, "of tool and elbow, as in the controller's safety settings")
+    _add(table, "tool", answers.tool, "in your words; a change of it begins a new baseline")
     if answers.serial:
-        lines.append(_line("serial", answers.serial, "another arm at this address is refused"))
-    lines += _comment(f"Joint torque per ampere [N·m/A], joints 1 to 6: {answers.gains_source}.")
+        _add(table, "serial", answers.serial, "another arm at this address is refused")
+    _comment(table, f"Joint torque per ampere [N·m/A], joints 1 to 6: {answers.gains_source}.")
     if answers.gains_nm_per_a:
-        lines.append(_line("gains_nm_per_a", answers.gains_nm_per_a))
-    return lines
+        _add(table, "gains_nm_per_a", answers.gains_nm_per_a)
+    return _spaced(table)
 
 
-def _replay(answers: Answers) -> list[str]:
-    lines = ["[replay]"]
-    lines += _comment(
+def _replay(answers: Answers) -> Table:
+    table = tomlkit.table()
+    _comment(
+        table,
         "Nothing moves unless allow_motion is true and every condition of `joint-monitor check` holds. Before you set it to true: a motion "
         "that begins by the clock is in the cell's risk assessment, somebody holds the emergency stop at the first one, and the way of the "
-        "trajectory is free. docs/real-robot-safety.md goes through it step by step."
+        "trajectory is free. docs/real-robot-safety.md goes through it step by step.",
     )
-    lines += [
-        _line("allow_motion", answers.allow_motion),
-        _line("cell", answers.cell, "what stands around the arm: plain is the surface below its base and nothing else"),
-    ]
+    _add(table, "allow_motion", answers.allow_motion)
+    _add(table, "cell", answers.cell, "what stands around the arm: plain is the surface below its base and nothing else")
     if answers.designed:
-        lines += _comment(f"A cell of its own needs a trajectory of its own: {answers.designed}, then uncomment the next line.")
-        lines.append(f"# {_line('excitation', answers.excitation)}")
+        _comment(table, f"A cell of its own needs a trajectory of its own: {answers.designed}, then uncomment the next line.")
+        table.add(tomlkit.comment(f"excitation = {tomlkit.item(answers.excitation).as_string()}"))
     elif answers.excitation:
-        lines.append(_line("excitation", answers.excitation))
+        _add(table, "excitation", answers.excitation)
     if answers.windows_utc:
-        lines.append(_line("windows_utc", answers.windows_utc, "the arm moves at no other time, whoever asks"))
-    return lines
+        _add(table, "windows_utc", answers.windows_utc, "the arm moves at no other time, whoever asks")
+    return _spaced(table)
 
 
 def cell_text(document: Mapping[str, Any]) -> str:
@@ -130,16 +133,31 @@ def cell_text(document: Mapping[str, Any]) -> str:
 
 def toml_text(document: Mapping[str, Any], about: str) -> str:
     """A document of tables, and of lists of tables, as a TOML file that begins with the comment `about`."""
-    lines = _comment(about)
-    for name, tables in document.items():
-        for table in tables if isinstance(tables, list) else [tables]:
-            lines += ["", f"[[{name}]]" if isinstance(tables, list) else f"[{name}]"]
-            plain = {key: value for key, value in table.items() if not isinstance(value, Mapping)}
-            lines += [_line(key, value) for key, value in plain.items()]
-            for key, value in table.items():
-                if isinstance(value, Mapping):  # [identify.signals]
-                    lines += ["", f"[{name}.{key}]", *(_line(inner, each) for inner, each in value.items())]
-    return "\n".join(lines) + "\n"
+    made = tomlkit.document()
+    _comment(made, about)
+    made.add(tomlkit.nl())
+    made.update(document)
+    return tomlkit.dumps(made)
+
+
+def _add(table: Table, key: str, value: object, comment: str = "") -> None:
+    """A key with its value, and the comment behind it."""
+    item = tomlkit.item(list(value) if isinstance(value, tuple) else value)
+    if comment:
+        item.comment(comment)
+    table.add(key, item)
+
+
+def _comment(to: TOMLDocument | Table, text: str) -> None:
+    """Lines that are only a comment."""
+    for line in textwrap.wrap(text, COMMENT_WIDTH - 2, break_long_words=False, break_on_hyphens=False):
+        to.add(tomlkit.comment(line))
+
+
+def _spaced(table: Table) -> Table:
+    """The table with an empty line after it."""
+    table.add(tomlkit.nl())
+    return table
 
 
 def write_new(path: Path, text: str, *, force: bool) -> None:
@@ -153,23 +171,3 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
-
-
-def _line(key: str, value: object, comment: str = "") -> str:
-    text = _value(value)
-    return f"{key} = {text}" + (f"  # {comment}" if comment else "")
-
-
-def _value(value: object) -> str:
-    """A TOML value: a basic string of TOML and a string of JSON are written alike, but for DEL, which no answer holds."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Sequence):
-        return f"[{', '.join(_value(each) for each in value)}]"
-    return repr(value)
-
-
-def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in textwrap.wrap(text, COMMENT_WIDTH - 2, break_long_words=False, break_on_hyphens=False)]
