@@ -1,41 +1,32 @@
 """Belief: everything that `assess` remembers of one arm, as a value with an exact JSON document."""
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.document import array, entry, key_of, plain
-from monitor.judge.drift.channels import channels_from_document
+from monitor.judge.document import array, entry, plain, typed
 from monitor.judge.drift.contexts import OpenedContext
-from monitor.judge.drift.filter_state import KINDS, RATE, STATES, WEAR, WINDOW, FilterState, begin_history
+from monitor.judge.drift.filter_state import RATE, WEAR, WINDOW, FilterState
 from monitor.judge.drift.maintenance import Maintenance
-from monitor.judge.drift.noise.chance import chance_from_document
-from monitor.judge.drift.noise.volatility import volatility_from_document
-from monitor.judge.drift.reference import reference_from_document
-from monitor.judge.drift.ripple_track import RippleTrack, ripple_from_document
+from monitor.judge.drift.ripple_track import RippleTrack
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState
-from monitor.judge.drift.two_sources import EXTRA_STATES, sources_from_document
 from monitor.judge.drift.undeclared import (
     MassEstimate,
     UndeclaredLevel,
     Weights,
-    mass_estimate_from_document,
-    undeclared_level_from_document,
 )
 from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
-from monitor.judge.drift.usage import Usage, usage_from_document
-from monitor.judge.drift.wear_history import LEVELS_SUM, empty_history
-from monitor.judge.prediction_error import PredictionErrorStatistics, statistics_from_document
-from monitor.judge.production_observation import ProductionHistory, context_from_document, production_history_from_document
-from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law, law_from_document
-from monitor.judge.temperature.stuck import SensorHistory, sensors_from_document
+from monitor.judge.drift.usage import Usage
+from monitor.judge.prediction_error import PredictionErrorStatistics
+from monitor.judge.production_observation import ProductionHistory
+from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law
+from monitor.judge.temperature.stuck import SensorHistory
 from monitor.recording import Array, Context
 
-BELIEF_SCHEMA = 4
+BELIEF_SCHEMA = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,27 +40,25 @@ class Belief:
     replays: int
     days: int  # UTC days with a replay
     contexts: tuple[OpenedContext, ...]  # in the order in which they were last entered: the last one is in force
-    reference_temperature_c: Array  # (J,) T0 [°C]
-    filter_state: FilterState = field(metadata={"key": "track"})
-    temperature_c: Array  # (J,) of the last replay
-    inside_range: Array  # (J,) 1 where that lay in the range that was learned before it, else 0
-    first_log_torque: Array  # (J,) mean of y over the first replays, uncorrected: the reference of an alert's attribution
-    last_log_torque: Array  # (J,) of the last replay; NaN where nothing was learned
-    first_temperature_c: Array  # (J,) mean over the same first replays
+    reference_temperature_c: Annotated[Array, "J"]  # T0 [°C]
+    filter_state: FilterState
+    temperature_c: Annotated[Array, "J"]  # of the last replay
+    inside_range: Annotated[Array, "J"]  # 1 where that lay in the range that was learned before it, else 0
+    first_log_torque: Annotated[Array, "J"]  # mean of y over the first replays, uncorrected: the reference of an alert's attribution
+    last_log_torque: Annotated[Array, "J"]  # of the last replay; NaN where nothing was learned
+    first_temperature_c: Annotated[Array, "J"]  # mean over the same first replays
     usage: Usage
-    mass_estimate: MassEstimate | None = field(metadata={"key": "weights"})  # in the context in force
+    mass_estimate: MassEstimate | None  # in the context in force
     viscous: Law
     coulomb: Law
-    sensors: SensorHistory | None = None  # None before the first replay, and in beliefs of releases without it
-    # of predicted torque; None before the first prediction, and in beliefs of releases without it
-    prediction_error: PredictionErrorStatistics | None = field(default=None, metadata={"key": "doubt"})
+    sensors: SensorHistory | None = None  # None before the first replay
+    # of predicted torque; None before the first prediction
+    prediction_error: PredictionErrorStatistics | None = None
     maintenance: tuple[
         Maintenance, ...
     ] = ()  # on joints: those that are not judged yet, and of each joint the last one from which friction counts
-    residual_peak_rad: Array | None = None  # (J,) where along the joint the last replay's residual was largest; None: not known
-    ripple: RippleTrack | None = (
-        None  # of the gears, in the context in force; None where none was seen, and in beliefs of releases without it
-    )
+    residual_peak_rad: Annotated[Array, "J"] | None = None  # where along the joint the last replay's residual was largest; None: not known
+    ripple: RippleTrack | None = None  # of the gears, in the context in force; None where none was seen
     undeclared_level: UndeclaredLevel | None = None  # of weights that contradict the context in force, and have a level of their own
     undeclared_candidate: UndeclaredLevel | None = None  # likewise, after too few replays for one
     schema_version: int = BELIEF_SCHEMA
@@ -217,10 +206,6 @@ class Belief:
     def as_document(self) -> dict[str, Any]:
         """The belief as plain JSON; `belief_from_document` is the exact inverse."""
         document: dict[str, Any] = plain(self)
-        if self.filter_state.sources is None:  # as releases without ordinary work wrote it
-            del document["track"]["sources"]
-        if self.production is None:
-            del document["production"]
         return document
 
 
@@ -229,83 +214,11 @@ def belief_from_document(document: Any) -> Belief:
 
     Raises BadInput naming the key that is missing or wrong, or a schema version that this release does not read.
     """
-    where = "belief"
-    version = entry(document, "schema_version", where=where)
+    version = entry(document, "schema_version", where="belief")
     if version != BELIEF_SCHEMA:
         raise BadInput(
             f"belief: schema_version is {version!r}; this release reads {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
-    J = len(array(document, "reference_temperature_c", (-1,), where=where))
-    arrays: dict[str, Any] = {f.name: array(document, f.name, (J,), where=where) for f in fields(Belief) if f.type in (Array, "Array")}
-    ledger = entry(document, "contexts", where=where)
-    try:
-        return Belief(
-            robot=str(entry(document, "robot", where=where)),
-            reference_speed_rad_s=float(entry(document, "reference_speed_rad_s", where=where)),
-            at_unix_s=float(entry(document, "at_unix_s", where=where)),
-            began_at_unix_s=float(entry(document, "began_at_unix_s", where=where)),
-            replays=int(entry(document, "replays", where=where)),
-            days=int(entry(document, "days", where=where)),
-            contexts=tuple(
-                OpenedContext(
-                    context_from_document(o["context"]),
-                    float(o["opened_at_unix_s"]),
-                    int(o["replays"]),
-                    None if o["slot"] is None else int(o["slot"]),
-                    bool(o.get("undeclared", False)),
-                )
-                for o in ledger
-            ),
-            filter_state=_filter_state(entry(document, "track", where=where), J, slot=ledger[-1]["slot"] or 0),
-            usage=usage_from_document(entry(document, "usage", where=where), J),
-            mass_estimate=mass_estimate_from_document(entry(document, "weights", where=where)),
-            viscous=law_from_document(entry(document, "viscous", where=where), J, where="belief: viscous"),
-            coulomb=law_from_document(entry(document, "coulomb", where=where), J, where="belief: coulomb"),
-            sensors=sensors_from_document(document.get("sensors"), J),
-            prediction_error=statistics_from_document(document.get("doubt"), J),
-            ripple=ripple_from_document(document.get("ripple"), J),
-            maintenance=tuple(Maintenance(**act) for act in document.get("maintenance") or ()),
-            residual_peak_rad=None
-            if document.get("residual_peak_rad") is None
-            else array(document, "residual_peak_rad", (J,), where=where),
-            production=production_history_from_document(document.get("production"), J),
-            undeclared_level=undeclared_level_from_document(document.get("undeclared_level")),
-            undeclared_candidate=undeclared_level_from_document(document.get("undeclared_candidate")),
-            **arrays,
-        )
-    except (TypeError, ValueError, KeyError) as wrong:
-        raise BadInput(f"belief: {wrong!r}") from None
-
-
-def _filter_state(document: Any, J: int, *, slot: int) -> FilterState:
-    """The filter's state; where an older release kept no history, it begins with what the filter knows, with the level in `slot`."""
-    sources = sources_from_document(document.get("sources") if isinstance(document, dict) else None, J)
-    S = STATES if sources is None else STATES + EXTRA_STATES
-    shapes: dict[str, tuple[int, ...]] = {
-        "mean": (J, S),
-        "cov": (J, S, S),
-        "responses": (J, KINDS, WINDOW, S),
-        "glr_scores": (J, KINDS, WINDOW),
-        "raw_glr_scores": (J, KINDS, WINDOW),
-        "glr_informations": (J, KINDS, WINDOW),
-        "ages": (J, WINDOW),
-        "history": (J, -1, LEVELS_SUM + SLOTS + 1),
-    }
-    kept = isinstance(document, dict) and "history" in document
-    complete = {"activity": [1.0] * J, "usual_warming": [0.0] * J, **document}  # releases without it
-    complete = complete if kept else {**complete, "history": empty_history(J, SLOTS)}
-    arrays = [f for f in fields(FilterState) if f.name not in ("channels", "counted_from", "chance", "volatility", "sources")]
-    if "warming_square" not in complete:  # releases without it: as if all replays had warmed alike, if any warming rate was known
-        usual = array(complete, "usual_warming", (J,), where="belief: track")
-        complete["warming_square"] = np.where(usual > 0, usual**2, np.nan)
-    values = {f.name: array(complete, key_of(f), shapes.get(f.name, (J,)), where="belief: track") for f in arrays}
-    state = FilterState(
-        **values,
-        counted_from=reference_from_document(complete.get("counted_from"), J),
-        channels=channels_from_document(complete.get("channels"), J),
-        chance=chance_from_document(complete.get("chance"), J),
-        volatility=volatility_from_document(complete.get("volatility"), J),
-        sources=sources,
-    )
-    return state if kept else begin_history(state, np.full(J, slot))
+    J = len(array(document, "reference_temperature_c", (-1,), where="belief"))
+    return typed(Belief, document, where="belief", sizes={"J": J, "N": J, "W": WINDOW})

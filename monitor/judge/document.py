@@ -1,14 +1,23 @@
-"""Values of this room as plain JSON and back, exactly: the shortest repr of a float is that float, and NaN becomes null."""
+"""Values of this room as plain JSON and back, exactly: the shortest repr of a float is that float, and NaN becomes null.
+
+The type of a value says how it is read back: `typed` is the inverse of `plain` for every dataclass and named tuple of these rooms. A field
+`Annotated[Array, "N S"]` names its dimensions; a name has one length throughout a document.
+"""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import Field, fields, is_dataclass
-from typing import Any
+import types
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.recording import Array
+
+T = TypeVar("T")
+Sizes = dict[str, int]  # the lengths of named dimensions
 
 
 def plain(value: Any) -> Any:
@@ -21,7 +30,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if is_dataclass(value) and not isinstance(value, type):
-        return {key_of(f): plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {key: plain(part) for key, part in value._asdict().items()}
     if isinstance(value, list | tuple):
@@ -31,10 +40,89 @@ def plain(value: Any) -> Any:
     return value
 
 
-def key_of(field: "Field[Any]") -> str:
-    """The key of a dataclass field in documents: `metadata["key"]` where documents keep an older name, else the field's own name."""
-    key: str = field.metadata.get("key", field.name)
-    return key
+def typed(cls: type[T], document: Any, *, where: str, sizes: Sizes | None = None) -> T:
+    """The value of a dataclass or named tuple from its plain JSON; a key that is missing has the field's default.
+
+    where : what the document is, for messages. sizes : dimensions whose length is known; others are taken from the first array that names
+    them. Raises BadInput naming the key that is missing, is of another type, or has another shape.
+    """
+    sizes = {} if sizes is None else sizes
+    if not isinstance(document, Mapping):
+        raise BadInput(f"{where}: expected a JSON object, not {type(document).__name__}")
+    values = {}
+    for name, (hint, required) in _fields_of(cls).items():
+        if name in document:
+            values[name] = _value(hint, document[name], f"{where}: {name}", sizes)
+        elif required:
+            raise BadInput(f"{where}: the key {name!r} is missing")
+    try:
+        return cls(**values)
+    except (TypeError, ValueError) as wrong:  # the value's own checks
+        raise BadInput(f"{where}: {wrong}") from None
+
+
+@cache
+def _fields_of(cls: type) -> dict[str, tuple[Any, bool]]:
+    """Of each field its type, and whether it has no default."""
+    hints = get_type_hints(cls, include_extras=True)
+    if is_dataclass(cls):
+        return {f.name: (hints[f.name], f.default is MISSING and f.default_factory is MISSING) for f in fields(cls) if f.init}
+    defaults = getattr(cls, "_field_defaults", {})
+    return {name: (hints[name], name not in defaults) for name in cls._fields}  # type: ignore[attr-defined]  # a named tuple
+
+
+def _value(hint: Any, given: Any, where: str, sizes: Sizes) -> Any:
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        if get_origin(arguments[0]) is np.ndarray:
+            return _array(given, str(arguments[1]), where, sizes)
+        return _value(arguments[0], given, where, sizes)
+    if origin is np.ndarray:
+        return _array(given, None, where, sizes)
+    if origin in (Union, types.UnionType):
+        if given is None and type(None) in arguments:
+            return None
+        return _value(next(each for each in arguments if each is not type(None)), given, where, sizes)
+    if origin is tuple:
+        if not isinstance(given, list | tuple):
+            raise BadInput(f"{where}: expected a list")
+        kinds = [arguments[0]] * len(given) if arguments[-1] is Ellipsis else list(arguments)
+        if len(kinds) != len(given):
+            raise BadInput(f"{where}: expected {len(kinds)} entries, not {len(given)}")
+        return tuple(_value(kind, each, f"{where}[{k}]", sizes) for k, (kind, each) in enumerate(zip(kinds, given, strict=True)))
+    if origin is not None and issubclass(origin, Mapping):
+        if not isinstance(given, Mapping):
+            raise BadInput(f"{where}: expected a JSON object")
+        return {str(key): _value(arguments[1], each, f"{where}: {key}", sizes) for key, each in given.items()}
+    if is_dataclass(hint) or hasattr(hint, "_fields"):
+        return typed(hint, given, where=where, sizes=sizes)
+    if hint is float:
+        given = math.nan if given is None else given
+        if isinstance(given, int | float) and not isinstance(given, bool):
+            return float(given)
+    elif hint is int:
+        if isinstance(given, int | float) and not isinstance(given, bool) and given == int(given):
+            return int(given)
+    elif hint is Any or isinstance(given, hint):
+        return given
+    raise BadInput(f"{where} is {given!r}; expected {getattr(hint, '__name__', hint)}")
+
+
+def _array(given: Any, dimensions: str | None, where: str, sizes: Sizes) -> Array:
+    """Numbers, null as NaN, whose dimensions have the lengths that their names have."""
+    try:
+        value: Array = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise BadInput(f"{where} is not an array of numbers") from None
+    if dimensions is None:
+        return value
+    names = dimensions.split()
+    expected = tuple(int(name) if name.isdecimal() else sizes.get(name, have) for name, have in zip(names, value.shape, strict=False))
+    if value.ndim != len(names) or value.shape != expected:
+        lengths = ", ".join(f"{name} = {sizes[name]}" if name in sizes else name for name in names)
+        raise BadInput(f"{where} has shape {value.shape}; expected ({lengths})")
+    sizes.update((name, have) for name, have in zip(names, value.shape, strict=True) if not name.isdecimal())
+    return value
 
 
 def entry(document: Any, key: str, *, where: str) -> Any:
@@ -59,8 +147,3 @@ def array(document: Any, key: str, shape: tuple[int, ...], *, where: str) -> Arr
     if value.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, value.shape, strict=True)):
         raise BadInput(f"{where}: {key} has shape {value.shape}; expected {shape}")
     return value
-
-
-def arrays(document: Any, names: Iterable[str], shape: tuple[int, ...], *, where: str) -> dict[str, Array]:
-    """`array` of each name, all of one shape, e.g. the fields of a named tuple. Raises BadInput likewise."""
-    return {name: array(document, name, shape, where=where) for name in names}

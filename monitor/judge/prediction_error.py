@@ -7,11 +7,10 @@ large and of either sign, so samples within `SETTLED_S` of a reversal count for 
 uncertain, so replays are averaged. Until several replays are in the mean, the residual of the model's own fit stands for both figures.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import arrays
 from monitor.recording import Array
 
 MOVING_RAD_S = 0.02  # below this speed a joint may be in static friction, whose value no model predicts
@@ -34,9 +33,9 @@ class PredictionError(NamedTuple):
 class PredictionErrorStatistics(NamedTuple):
     """Running mean of the prediction error over replays, (J,) each."""
 
-    replays: Array  # number of replays in the mean, `MAX_REPLAYS` at most
-    error_nm2: Array  # mean square of the model's error [N²·m²]; after few replays it may be negative
-    measured_nm2: Array  # mean square of the residual of single measured samples [N²·m²]
+    replays: Annotated[Array, "J"]  # number of replays in the mean, `MAX_REPLAYS` at most
+    error_nm2: Annotated[Array, "J"]  # mean square of the model's error [N²·m²]; after few replays it may be negative
+    measured_nm2: Annotated[Array, "J"]  # mean square of the residual of single measured samples [N²·m²]
 
 
 def measure(t_s: Array, qd: Array, residual_nm: Array) -> PredictionError:
@@ -86,13 +85,6 @@ def rms(statistics: PredictionErrorStatistics | None, residual_rms_nm: Array) ->
     error = np.sqrt(np.maximum(error, MIN_SHARE * fit_nm2))
     measured = np.where(statistics.replays > 0, np.sqrt(statistics.measured_nm2), residual_rms_nm)
     return error, np.maximum(measured, error)
-
-
-def statistics_from_document(document: Any, J: int) -> PredictionErrorStatistics | None:
-    """The statistics from their JSON object; None where it is null. Raises BadInput naming what is missing or wrong."""
-    if document is None:
-        return None
-    return PredictionErrorStatistics(**arrays(document, PredictionErrorStatistics._fields, (J,), where="belief: doubt"))
 
 
 def _since_reversal_s(t_s: Array, qd: Array) -> Array:

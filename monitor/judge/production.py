@@ -143,7 +143,7 @@ def _observation(found: ProductionEstimate, joints: int, arm: str) -> Production
         known=found.known.astype(float),
         arm=arm,
         reasons=tuple("" if found.known[j] else next(told, "") for j in range(joints)),
-        left_out_s=tuple(found.left_out_s.items()),
+        left_out_s=dict(found.left_out_s),
         seen_s=found.seen_s,
     )
 

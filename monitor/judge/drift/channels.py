@@ -3,12 +3,11 @@
 Shapes: C channels in the order of `CHANNELS`, N joints, P features of the regression, W replays of the window.
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import array
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
@@ -24,35 +23,24 @@ FEATURES = SLOTS + 3  # P
 class ChannelState:
     """The channels of N joints. In the window, index 0 is the newest replay."""
 
-    mean: Array  # (C, N, P) levels of the contexts' slots, slope [1/K], curve [1/K²], lag [1/(K/min)] of the baseline
-    cov: Array  # (C, N, P, P)
-    values: Array  # (C, N, W) NaN where there is none
-    t: Array  # (N, W) temperature less the origin [K]
-    warming: Array  # (N, W) [K/min]
-    slot: Array  # (N, W) of the replay's context
-    variance: Array  # (C, N) of one replay around the baseline
-    product: Array  # (C, N) mean product of two successive replays' residuals
-    weight: Array  # (C, N) replays in both
-    slow_ratio: Array  # (C, N) mean square of the window's mean over what correlated noise explains
-    last: Array  # (C, N) residual of the last replay that left the window; NaN: none to compare with
-    log_torque: Array  # (N,) y of the last replay that was resolved
-    shift: Array  # (C, N) [log] how far the replays since the likeliest change are from the baseline, beyond the arm's other joints
-    shift_std: Array  # (C, N)
-    level: Array  # (C, N) [log] of the baseline in the last replay's context at its temperature
-    found: Array  # (C, N) 1 where that change is beyond chance
-
-
-def channels_from_document(document: Any, joints: int) -> ChannelState | None:
-    """A ChannelState from its document; None from an older one, which has none. Raises BadInput naming the key."""
-    if document is None:
-        return None
-    C, N, P, W = len(CHANNELS), joints, FEATURES, WINDOW
-    shapes: dict[str, tuple[int, ...]] = {
-        "mean": (C, N, P), "cov": (C, N, P, P), "values": (C, N, W), "t": (N, W), "warming": (N, W), "slot": (N, W), "log_torque": (N,),
-    }  # fmt: skip
-    return ChannelState(
-        **{f.name: array(document, f.name, shapes.get(f.name, (C, N)), where="belief: channels") for f in fields(ChannelState)}
-    )
+    mean: Annotated[Array, "C N P"]  # levels of the contexts' slots, slope [1/K], curve [1/K²], lag [1/(K/min)] of the baseline
+    cov: Annotated[Array, "C N P P"]
+    values: Annotated[Array, "C N L"]  # NaN where there is none
+    t: Annotated[Array, "N L"]  # temperature less the origin [K]
+    warming: Annotated[Array, "N L"]  # [K/min]
+    slot: Annotated[Array, "N L"]  # of the replay's context
+    variance: Annotated[Array, "C N"]  # of one replay around the baseline
+    product: Annotated[Array, "C N"]  # mean product of two successive replays' residuals
+    weight: Annotated[Array, "C N"]  # replays in both
+    slow_ratio: Annotated[Array, "C N"]  # mean square of the window's mean over what correlated noise explains
+    last: Annotated[Array, "C N"]  # residual of the last replay that left the window; NaN: none to compare with
+    log_torque: Annotated[Array, "N"]  # y of the last replay that was resolved
+    shift: Annotated[
+        Array, "C N"
+    ]  # [log] how far the replays since the likeliest change are from the baseline, beyond the arm's other joints
+    shift_std: Annotated[Array, "C N"]
+    level: Annotated[Array, "C N"]  # [log] of the baseline in the last replay's context at its temperature
+    found: Annotated[Array, "C N"]  # 1 where that change is beyond chance
 
 
 def no_channels(joints: int) -> ChannelState:
@@ -307,13 +295,15 @@ def learn_oldest(state: ChannelState, C: np.ndarray, here: np.ndarray, joints_pe
 class Means(NamedTuple):
     """The replays since each possible change against the baseline, (C, N, A + 1) each; the last mean is of the whole window."""
 
-    newest: Array  # (C, N) mean of the `NEWEST` replays
-    level: Array  # (C, N) of the baseline at the last replay
+    newest: Annotated[Array, "C N"]  # mean of the `NEWEST` replays
+    level: Annotated[Array, "C N"]  # of the baseline at the last replay
     number: Array  # of known replays
     full: Array  # mean of their deviations
     robust: Array  # the same by deviations without what the replay before explains, none of them beyond `CLIPPED` of its σ
     var: Array  # of `robust` by chance
-    ratio: Array  # (C, N) square of the window's mean over what correlated noise and the baseline explain; NaN where that is not known
+    ratio: Annotated[
+        Array, "C N"
+    ]  # square of the window's mean over what correlated noise and the baseline explain; NaN where that is not known
 
 
 def means_since(state: ChannelState, C: np.ndarray, joints_per_arm: int) -> Means:

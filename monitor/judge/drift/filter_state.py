@@ -12,8 +12,8 @@ largest and both are equally cold, by most some time later, and by nothing in th
 equal wear, so friction increases along a straight line and its logarithm does not.
 """
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -67,36 +67,38 @@ ORDINARY, SETTLING, STEP, OUTLIER, UNRESOLVED = range(5)  # what the last replay
 class FilterState:
     """The filter's state of N joints."""
 
-    origin_c: Array  # (N,) [°C] that t is counted from
-    mean: Array  # (N, S)
-    cov: Array  # (N, S, S)
-    replays: Array  # (N,) number that the filter learned from
-    interval_days: Array = field(metadata={"key": "cadence_days"})  # (N,) usual time between replays, to which ρ belongs
-    step_var: Array  # (N,) γ₁: half the mean square difference of successive replays' noise, without the noise within a replay
-    product: Array  # (N,) c₁: mean product of successive replays' noise
-    noise_weight: Array  # (N,) number of replays in both
-    activity: Array  # (N,) γ₁ of the last weeks over γ₁, of all joints of the arm
+    origin_c: Annotated[Array, "N"]  # [°C] that t is counted from
+    mean: Annotated[Array, "N S"]
+    cov: Annotated[Array, "N S S"]
+    replays: Annotated[Array, "N"]  # number that the filter learned from
+    interval_days: Annotated[Array, "N"]  # usual time between replays, to which ρ belongs
+    step_var: Annotated[Array, "N"]  # γ₁: half the mean square difference of successive replays' noise, without the noise within a replay
+    product: Annotated[Array, "N"]  # c₁: mean product of successive replays' noise
+    noise_weight: Annotated[Array, "N"]  # number of replays in both
+    activity: Annotated[Array, "N"]  # γ₁ of the last weeks over γ₁, of all joints of the arm
     volatility: Volatility  # what a joint does beside that
-    residual: Array  # (N,) of the last replay against its prediction without noise; NaN where the next one must not be compared with it
-    consistency: Array  # (N,) running mean of normalised innovations squared: 1 where the filter is consistent
-    innovation: Array  # (N,) of the last replay; NaN where it was unresolved
-    normalised: Array  # (N,) the same over its standard deviation
-    event: Array  # (N,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay
-    gate_run: Array  # (N,) signed count of gated replays in a row
-    outliers: Array  # (N,) number of gated replays so far, without those that proved a step
-    responses: Array  # (N, 2, W, S) error that a unit change at an earlier replay has left in the filter
-    ages: Array  # (N, W) [replays] since then, ascending
-    glr_scores: Array = field(metadata={"key": "scores"})  # (N, 2, W) of each such change: Σ G·ν/S with ν clipped
-    raw_glr_scores: Array = field(metadata={"key": "raw_scores"})  # (N, 2, W) the same with ν in full
-    glr_informations: Array = field(metadata={"key": "informations"})  # (N, 2, W) Σ G²/S
-    usual_warming: Array  # (N,) [K/min] mean |h(Ṫ)| of replays; 0 in beliefs of releases without it
-    warming_square: Array  # (N,) [K²/min²] mean h(Ṫ)² of replays; NaN before the first
-    agreeing: Array  # (N,) number of replays that agree with the last one: 1, or all since a change that was detected
-    stepped: Array  # (N,) [log] wear that came in steps
+    residual: Annotated[
+        Array, "N"
+    ]  # of the last replay against its prediction without noise; NaN where the next one must not be compared with it
+    consistency: Annotated[Array, "N"]  # running mean of normalised innovations squared: 1 where the filter is consistent
+    innovation: Annotated[Array, "N"]  # of the last replay; NaN where it was unresolved
+    normalised: Annotated[Array, "N"]  # the same over its standard deviation
+    event: Annotated[Array, "N"]  # ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay
+    gate_run: Annotated[Array, "N"]  # signed count of gated replays in a row
+    outliers: Annotated[Array, "N"]  # number of gated replays so far, without those that proved a step
+    responses: Annotated[Array, "N 2 W S"]  # error that a unit change at an earlier replay has left in the filter
+    ages: Annotated[Array, "N W"]  # [replays] since then, ascending
+    glr_scores: Annotated[Array, "N 2 W"]  # of each such change: Σ G·ν/S with ν clipped
+    raw_glr_scores: Annotated[Array, "N 2 W"]  # the same with ν in full
+    glr_informations: Annotated[Array, "N 2 W"]  # Σ G²/S
+    usual_warming: Annotated[Array, "N"]  # [K/min] mean |h(Ṫ)| of replays
+    warming_square: Annotated[Array, "N"]  # [K²/min²] mean h(Ṫ)² of replays; NaN before the first
+    agreeing: Annotated[Array, "N"]  # number of replays that agree with the last one: 1, or all since a change that was detected
+    stepped: Annotated[Array, "N"]  # [log] wear that came in steps
     chance: Chance  # by how much more chance moves friction than the model says, by age
     counted_from: Reference  # from which level wear counts
-    history: Array  # (N, B, K) the course of friction so far, see `wear_history`
-    channels: ChannelState | None = None  # beside y; None before the first replay, and in beliefs of releases without them
+    history: Annotated[Array, "N B K"]  # the course of friction so far, see `wear_history`
+    channels: ChannelState | None = None  # beside y; None before the first replay
     sources: TwoSources | None = None  # None: replays alone were observed so far
 
     @property

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.judge.document import typed
 from monitor.judge.drift.noise.chance import GROUPS
 from monitor.recording import Array
 
@@ -117,18 +118,7 @@ def prior_from_document(document: Any, model: str, joints: int, reference_speed_
 
 def prior_from_plain(document: Mapping[str, Any]) -> FleetPrior:
     """The prior from its plain document, as the provenance of a verdict holds it."""
-    columns = {name: np.array(document[name], dtype=float) for name in BOUNDS}
-    wear = None if document.get("wear") is None else WearPrior(**document["wear"])
-    chance = None if document.get("chance") is None else np.array(document["chance"], dtype=float)
-    return FleetPrior(
-        model=document["model"],
-        arms=document["arms"],
-        digest=document["digest"],
-        chance=chance,
-        chance_replays=float(document.get("chance_replays", 0.0)),
-        wear=wear,
-        **columns,
-    )
+    return typed(FleetPrior, document, where="fleet prior")
 
 
 def _chance(document: Any, where: str) -> tuple[Array | None, float]:

@@ -7,11 +7,10 @@ same time: it is none of a single joint. The levels keep its uncertainty, and le
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
-from monitor.judge.document import arrays
 from monitor.recording import Array
 
 
@@ -19,12 +18,12 @@ from monitor.recording import Array
 class Reference:
     """What was moved out of wear so far, logarithms, (N,) each: wear since the beginning is w + fallen + run_in + shared."""
 
-    fallen: Array  # falls of the joint, ≤ 0
-    run_in: Array  # slow falls of its first months, ≤ 0
-    fallen_var: Array  # variance of both together
-    shared: Array  # changes that the joint had together with most joints of its arm, of either sign
-    shared_var: Array
-    held_days: Array  # [d] since the level that wear counts from was reached; NaN: since the beginning
+    fallen: Annotated[Array, "N"]  # falls of the joint, ≤ 0
+    run_in: Annotated[Array, "N"]  # slow falls of its first months, ≤ 0
+    fallen_var: Annotated[Array, "N"]  # variance of both together
+    shared: Annotated[Array, "N"]  # changes that the joint had together with most joints of its arm, of either sign
+    shared_var: Annotated[Array, "N"]
+    held_days: Annotated[Array, "N"]  # [d] since the level that wear counts from was reached; NaN: since the beginning
 
     @property
     def moved(self) -> Array:
@@ -65,10 +64,3 @@ def with_common_change(reference: Reference, shared: Array, var: Array, running_
         shared_var=reference.shared_var + np.where(running_in, 0.0, var),
         held_days=np.where(ran < 0, 0.0, reference.held_days),
     )
-
-
-def reference_from_document(document: Any, joints: int) -> Reference:
-    """A Reference from its document; that of the beginning from null, as in beliefs of releases without it."""
-    if document is None:
-        return from_beginning(joints)
-    return Reference(**arrays(document, [f.name for f in fields(Reference)], (joints,), where="belief: track: counted_from"))

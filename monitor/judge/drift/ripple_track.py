@@ -5,13 +5,12 @@ trajectory, payload or temperature changes it too, so the track begins anew with
 """
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from monitor.identify.signals.ripple import Ripple
-from monitor.judge.document import array
 from monitor.judge.drift.kalman import predict, update
 from monitor.recording import Array
 
@@ -24,13 +23,13 @@ FIRST_REPLAYS = 5  # whose mean is what later replays are compared with
 class RippleTrack:
     """Ripple of J joints at H cycles a turn, (J, H) each; NaN where no replay has shown any."""
 
-    cycles_per_turn: Array
-    amplitude_a: Array  # of the last replay
-    std_a: Array
-    track_a: Array
-    track_var: Array  # [A²]
-    first_a: Array  # mean of the first replays
-    replays: Array  # that have shown it
+    cycles_per_turn: Annotated[Array, "N K"]
+    amplitude_a: Annotated[Array, "N K"]  # of the last replay
+    std_a: Annotated[Array, "N K"]
+    track_a: Annotated[Array, "N K"]
+    track_var: Annotated[Array, "N K"]  # [A²]
+    first_a: Annotated[Array, "N K"]  # mean of the first replays
+    replays: Annotated[Array, "N K"]  # that have shown it
 
 
 class JointRipple(NamedTuple):
@@ -110,10 +109,3 @@ def joint_ripple(track: RippleTrack | None) -> tuple[JointRipple, ...] | None:
 def _figure(value: float) -> float | None:
     """[A] to a hundredth of a milliampere, far below any deviation: the history keeps these figures for years."""
     return round(float(value), 5) if math.isfinite(value) else None
-
-
-def ripple_from_document(document: Any, joints: int) -> RippleTrack | None:
-    """A RippleTrack from its document, or None of null. Raises BadInput naming what is missing or wrong."""
-    if document is None:
-        return None
-    return RippleTrack(**{f.name: array(document, f.name, (joints, -1), where="belief: ripple") for f in fields(RippleTrack)})

@@ -9,14 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import scipy
 
-from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.document import array, arrays, entry
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
 from monitor.recording import Array
@@ -56,11 +54,11 @@ NO_UNDECLARED_CHANGE = UndeclaredChange(None, "")
 class MassEstimate:
     """The rigid base parameters in one context, (R,) each."""
 
-    columns: Array  # of the regressor
-    mean: Array
-    var: Array  # between replays
+    columns: Annotated[Array, "R"]  # of the regressor
+    mean: Annotated[Array, "R"]
+    var: Annotated[Array, "R"]  # between replays
     replays: int
-    covariance: Array | None = None  # (R, R) mean of those within the replays; None in beliefs of releases without it
+    covariance: Annotated[Array, "R R"] | None = None  # mean of those within the replays; None in beliefs of releases without it
     scatter: float = PRIOR_SCATTER  # mean χ² per degree of freedom of what neither a mass nor a common scale explains
 
 
@@ -84,8 +82,8 @@ class RigidFit(NamedTuple):
     columns: Array  # of the regressor
     names: tuple[str, ...]
     values: Array
-    covariance: Array  # (R, R) within the replay
-    of_mass: Array  # (R, 4) what m, mx, my, mz of the last link add to them
+    covariance: Annotated[Array, "R R"]  # within the replay
+    of_mass: Annotated[Array, "R 4"]  # what m, mx, my, mz of the last link add to them
 
     @property
     def variance(self) -> Array:
@@ -256,23 +254,6 @@ def _gains(sigmas: float, parameter: str) -> UndeclaredChange:
     )
 
 
-def mass_estimate_from_document(document: Any) -> MassEstimate | None:
-    """A MassEstimate from its document, or None of null. Raises BadInput naming the key."""
-    if document is None:
-        return None
-    parts = arrays(document, ("columns", "mean", "var"), (-1,), where="belief: weights")
-    if len({len(part) for part in parts.values()}) > 1:
-        raise BadInput("belief: weights: columns, mean and var differ in length; expected as many of each")
-    R = len(parts["mean"])
-    covariance = None if document.get("covariance") is None else array(document, "covariance", (R, R), where="belief: weights")
-    return MassEstimate(
-        **parts,
-        replays=int(entry(document, "replays", where="belief: weights")),
-        covariance=covariance,
-        scatter=float(document.get("scatter", PRIOR_SCATTER)),
-    )
-
-
 # --- The level of friction of an arm whose weights contradict what is declared, in replay after replay by the same ---
 
 LEVEL_REPLAYS = 20  # that agree with each other: an integrator who means to declare the change has done so in as many days
@@ -350,21 +331,3 @@ def _standing(level: UndeclaredLevel, declared_kg: float | None) -> UndeclaredCh
     day = np.datetime64(int(level.since_unix_s or 0.0), "s").astype("datetime64[D]")
     text += f"; wear is judged against a level of its own since {day}"
     return UndeclaredChange(level.condition, text, level.kg, own_level=True)
-
-
-def undeclared_level_from_document(document: Any) -> UndeclaredLevel | None:
-    """An UndeclaredLevel from its document, or None of null. Raises BadInput naming the key."""
-    if document is None:
-        return None
-    where = "belief: undeclared level"
-    estimate = mass_estimate_from_document(entry(document, "estimate", where=where))
-    if estimate is None:
-        raise BadInput(f"{where}: estimate is null; expected the weights of its replays")
-    kg, since = (entry(document, key, where=where) for key in ("kg", "since_unix_s"))
-    return UndeclaredLevel(
-        estimate,
-        str(entry(document, "condition", where=where)),
-        str(entry(document, "text", where=where)),
-        None if kg is None else float(kg),
-        None if since is None else float(since),
-    )

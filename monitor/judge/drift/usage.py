@@ -3,11 +3,10 @@
 Wear comes from work and not from waiting. Where nobody counts, every day is a usual one.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from monitor.judge.document import arrays
 from monitor.recording import Array
 
 MEMORY_DAYS = 60.0  # [day] the usual work follows a change of work within about two months
@@ -18,9 +17,9 @@ STILL_REV_PER_DAY = 0.5  # less work than this is none, and no measure of wear
 class Usage(NamedTuple):
     """What is known of the work of N joints, (N,) each; NaN where nobody counts."""
 
-    revolutions: Array  # total count at the last replay
-    per_day: Array  # usual revolutions per day
-    days: Array  # over which `per_day` was learned
+    revolutions: Annotated[Array, "N"]  # total count at the last replay
+    per_day: Annotated[Array, "N"]  # usual revolutions per day
+    days: Annotated[Array, "N"]  # over which `per_day` was learned
 
 
 class UsageUpdate(NamedTuple):
@@ -50,8 +49,3 @@ def update_usage(usage: Usage, revolutions: Array, days: Array) -> UsageUpdate:
     usual = np.where(measured, np.minimum(done / np.maximum(per_day, STILL_REV_PER_DAY), MOST_DAYS * span), days)
     counted = np.where(np.isfinite(revolutions), revolutions, usage.revolutions)
     return UsageUpdate(Usage(counted, per_day, n), usual, factor)
-
-
-def usage_from_document(document: Any, joints: int) -> Usage:
-    """A Usage from its document. Raises BadInput naming the key."""
-    return Usage(**arrays(document, Usage._fields, (joints,), where="belief: usage"))

@@ -10,12 +10,11 @@ measured there. The law with the least error is chosen, and the line where no ot
 Shapes: J joints, B bins, L laws with Vogel's counted once for each pole.
 """
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from monitor.errors import BadInput
-from monitor.judge.document import array
 from monitor.recording import Array
 
 LAWS = ("linear", "exponential", "vogel")
@@ -57,16 +56,27 @@ class LawForm(NamedTuple):
         return ops.where(self.linear, ops.maximum(value, self.least), factor), var * factor * factor
 
 
-class Curve(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
     """The law chosen for each joint, (J,) each. `kind` is an index of LAWS; a joint of kind 0 uses its line."""
 
-    kind: Array
-    a: Array
-    b: Array
-    pole_c: Array
-    reference_c: Array
-    cov: Array  # (J, 2, 2) of (a, b)
-    held_out: Array  # (J, 3) RMS error of each law on what was left out, in the value's unit; NaN before there is enough to choose
+    kind: Annotated[Array, "J"]
+    a: Annotated[Array, "J"]
+    b: Annotated[Array, "J"]
+    pole_c: Annotated[Array, "J"]
+    reference_c: Annotated[Array, "J"]
+    cov: Annotated[Array, "J 2 2"]  # of (a, b)
+    held_out: Annotated[
+        Array, "J 3"
+    ]  # RMS error of each law on what was left out, in the value's unit; NaN before there is enough to choose
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a kind that is none, and where the law of a joint that is no line is unknown."""
+        if not np.isin(self.kind, range(len(LAWS))).all():
+            raise ValueError(f"kind is {self.kind.tolist()}; expected 0, 1 or 2 of every joint: {', '.join(LAWS)}")
+        for name in ("a", "b", "pole_c", "reference_c"):
+            if not np.isfinite(getattr(self, name)[self.kind > 0]).all():
+                raise ValueError(f"{name} is unknown of a joint whose kind is not 0; expected numbers")
 
     @property
     def form(self) -> LawForm:
@@ -148,22 +158,6 @@ def _lines(reference_c: Array) -> Curve:
     J = len(reference_c)
     zero = np.zeros(J)
     return Curve(zero, zero, zero, zero, reference_c, np.zeros((J, 2, 2)), np.full((J, len(LAWS)), np.nan))
-
-
-def curve_from_document(document: Any, joints: int, *, where: str) -> Curve | None:
-    """A Curve from its document, or None. Raises BadInput naming the key."""
-    if document is None:
-        return None
-    J = joints
-    shapes: dict[str, tuple[int, ...]] = {"cov": (J, 2, 2), "held_out": (J, len(LAWS))}
-    curve = Curve(**{key: array(document, key, shapes.get(key, (J,)), where=where) for key in Curve._fields})
-    if not np.isin(curve.kind, range(len(LAWS))).all():
-        raise BadInput(f"{where}: kind is {curve.kind.tolist()}; expected 0, 1 or 2 of every joint: {', '.join(LAWS)}")
-    curved = curve.kind > 0
-    for key in ("a", "b", "pole_c", "reference_c"):
-        if not np.isfinite(getattr(curve, key)[curved]).all():
-            raise BadInput(f"{where}: {key} is unknown of a joint whose kind is not 0; expected numbers")
-    return curve
 
 
 def _of_vogel(T: Array, reference_c: Array, pole_c: Array) -> Array:

@@ -12,8 +12,8 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.judge.bounds import check_bounds
-from monitor.judge.document import array, plain
-from monitor.judge.temperature.curves import BINS, LAWS, PER_BIN, Curve, LawForm, choose_curve, curve_from_document, no_bins, update_bins
+from monitor.judge.document import plain
+from monitor.judge.temperature.curves import LAWS, Curve, LawForm, choose_curve, no_bins, update_bins
 from monitor.recording import Array
 
 SUMS = 6  # n, Σt, Σt², Σy, Σty, Σy² of the regression
@@ -54,26 +54,26 @@ class LawValue(NamedTuple):
 class Law:
     """Sufficient statistics of one line for each joint. t = T − origin_c and y = value − origin_value, against cancellation."""
 
-    origin_c: Array  # (J,)
-    origin_value: Array  # (J,) first value; NaN before
-    slope_prior: Array  # (J,) [unit/K]
-    slope_prior_std: Array  # (J,)
-    scatter_prior: Array  # (J,) [unit] between replays
-    sums: Array  # (J, 6)
-    range_c: Array  # (J, 2) coldest and warmest replay; NaN before the first
-    bins: Array  # (J, BINS, 3) the same values by temperature, see `curves`
+    origin_c: Annotated[Array, "J"]
+    origin_value: Annotated[Array, "J"]  # first value; NaN before
+    slope_prior: Annotated[Array, "J"]  # [unit/K]
+    slope_prior_std: Annotated[Array, "J"]
+    scatter_prior: Annotated[Array, "J"]  # [unit] between replays
+    sums: Annotated[Array, "J 6"]
+    range_c: Annotated[Array, "J 2"]  # coldest and warmest replay; NaN before the first
+    bins: Annotated[Array, "J BINS 3"]  # the same values by temperature, see `curves`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
     """A fitted law: value = intercept + slope·(T − reference_c), without wear; or the curve, where that has less error."""
 
-    reference_c: Array  # (J,)
-    intercept: Array  # (J,) at reference_c; NaN where the joint was never resolved
-    slope: Array  # (J,) [unit/K]
-    cov: Array  # (J, 2, 2) of (intercept, slope)
-    scatter: Array  # (J,) between replays
-    range_c: Array  # (J, 2)
+    reference_c: Annotated[Array, "J"]
+    intercept: Annotated[Array, "J"]  # at reference_c; NaN where the joint was never resolved
+    slope: Annotated[Array, "J"]  # [unit/K]
+    cov: Annotated[Array, "J 2 2"]  # of (intercept, slope)
+    scatter: Annotated[Array, "J"]  # between replays
+    range_c: Annotated[Array, "J 2"]
     margin_k: float
     curve: Curve | None = None
 
@@ -124,7 +124,7 @@ class Line:
         return np.where(np.isfinite(fraction), fraction, np.nan)
 
     def as_document(self) -> dict[str, Any]:
-        """The line as plain JSON; `line_from_document` is the inverse."""
+        """The line as plain JSON; `judge.document.typed` is the inverse."""
         document: dict[str, Any] = plain(self)
         return document
 
@@ -133,38 +133,6 @@ def inside_range(range_c: Array, temperature_c: Array, margin_k: float) -> np.nd
     """(…, J) whether temperatures (…, J) lie in ranges (J, 2), widened by a margin; False where either is unknown."""
     within: np.ndarray = (temperature_c >= range_c[:, 0] - margin_k) & (temperature_c <= range_c[:, 1] + margin_k)
     return within
-
-
-def line_from_document(document: Any, joints: int, *, where: str) -> Line:
-    """A Line from its document. Raises BadInput naming the key."""
-    J = joints
-    shapes: dict[str, tuple[int, ...]] = {
-        "reference_c": (J,),
-        "intercept": (J,),
-        "slope": (J,),
-        "cov": (J, 2, 2),
-        "scatter": (J,),
-        "range_c": (J, 2),
-    }
-    parts = {key: array(document, key, shape, where=where) for key, shape in shapes.items()}
-    curve = curve_from_document(document.get("curve"), J, where=f"{where}: curve")
-    return Line(**parts, margin_k=float(array(document, "margin_k", (), where=where)), curve=curve)
-
-
-def law_from_document(document: Any, joints: int, *, where: str) -> Law:
-    """A Law from its document. Raises BadInput naming the key."""
-    J = joints
-    shapes: dict[str, tuple[int, ...]] = {
-        "origin_c": (J,),
-        "origin_value": (J,),
-        "slope_prior": (J,),
-        "slope_prior_std": (J,),
-        "scatter_prior": (J,),
-        "sums": (J, SUMS),
-        "range_c": (J, 2),
-        "bins": (J, BINS, PER_BIN),
-    }
-    return Law(**{key: array(document, key, shape, where=where) for key, shape in shapes.items()})
 
 
 def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_per_k: float, scatter: float) -> Law:

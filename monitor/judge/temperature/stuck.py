@@ -3,13 +3,12 @@
 A stuck value is not a temperature. If it were used, every season would look like wear of that joint, or hide it.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
-from monitor.judge.document import array, key_of
 from monitor.recording import Array
 
 SAME_K = 1.0 / 32.0  # [K] half a step of a UR's sensor: the mean over a replay varies by more
@@ -22,10 +21,10 @@ SUSPECT_REPLAYS, SUSPECT_MOVED_K = 3, 1.0  # the same of a value that is not use
 class SensorHistory:
     """For how long each joint's sensor has had its present value, (N,) each; NaN before the first replay."""
 
-    value_c: Array = field(metadata={"key": "told_c"})
-    replays: Array  # in a row with this value
-    others_low_c: Array  # lowest median of the arm's other joints in these replays
-    others_high_c: Array  # and the highest
+    value_c: Annotated[Array, "N"]
+    replays: Annotated[Array, "N"]  # in a row with this value
+    others_low_c: Annotated[Array, "N"]  # lowest median of the arm's other joints in these replays
+    others_high_c: Annotated[Array, "N"]  # and the highest
 
 
 def update_sensors(before: SensorHistory | None, temperature_c: Array, joints_per_arm: int) -> SensorHistory:
@@ -62,13 +61,6 @@ def suspect_sensors(sensors: SensorHistory) -> np.ndarray:
     moved = sensors.others_high_c - sensors.others_low_c
     suspect: np.ndarray = (sensors.replays >= SUSPECT_REPLAYS) & (moved >= SUSPECT_MOVED_K)
     return suspect
-
-
-def sensors_from_document(document: Any, joints: int) -> SensorHistory | None:
-    """A SensorHistory from its document, or None of null. Raises BadInput naming what is missing or wrong."""
-    if document is None:
-        return None
-    return SensorHistory(**{f.name: array(document, key_of(f), (joints,), where="belief: sensors") for f in fields(SensorHistory)})
 
 
 def median_of_others(values: Array, joints_per_arm: int) -> Array:

@@ -9,33 +9,41 @@ scaled with temperature like viscous friction:
 the factor fc(T)/fc(T₁) for the first and third term.)
 """
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 
-from monitor.errors import BadInput
 from monitor.identify.identification import Identification
 from monitor.judge.belief import Belief
-from monitor.judge.document import array, entry, plain
+from monitor.judge.document import plain, typed
 from monitor.judge.prediction_error import rms
-from monitor.judge.temperature.laws import LawValue, Line, line_from_document
-from monitor.model.friction import CONCAVE, FrictionLaw, friction_law
+from monitor.judge.temperature.laws import LawValue, Line
+from monitor.model.friction import FrictionLaw, friction_law
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import Mounting
 from monitor.recording import Array
 
-_RESIDUAL_ARRAYS = ("terms", "temperature_c", "speed_rad_s", "load_nm")  # fields of `ResidualFriction`, and keys of its document
 
-
-class ResidualFriction(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ResidualFriction:
     """Friction of one replay beyond its Coulomb and viscous friction fc and fv."""
 
-    law: FrictionLaw  # of the terms
-    terms: Array  # (J, K) coefficients of the law's terms; 0 where unknown
-    temperature_c: Array  # (J,) joint temperature of that replay [°C]; NaN where unknown
-    speed_rad_s: Array  # (J,) largest speed in the fit; beyond it the terms keep their value at it
-    load_nm: Array  # (J,) largest |τ| in the fit; beyond it the terms keep their value at it
+    law_name: str  # of the terms
+    terms: Annotated[Array, "J K"]  # coefficients of the law's terms; 0 where unknown
+    temperature_c: Annotated[Array, "J"]  # joint temperature of that replay [°C]; NaN where unknown
+    speed_rad_s: Annotated[Array, "J"]  # largest speed in the fit; beyond it the terms keep their value at it
+    load_nm: Annotated[Array, "J"]  # largest |τ| in the fit; beyond it the terms keep their value at it
+
+    def __post_init__(self) -> None:
+        """Raises BadInput for a law that is not known, or that has another number of terms."""
+        if self.terms.shape[1] != len(self.law.terms):
+            raise ValueError(f"terms has {self.terms.shape[1]} columns; the law {self.law_name} has {len(self.law.terms)} terms")
+
+    @property
+    def law(self) -> FrictionLaw:
+        """The law of the terms."""
+        return friction_law(self.law_name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,16 +55,16 @@ class CompensatedModel:
     revision: int  # number of replays learned from
     at_unix_s: float  # time of the last of them
     columns: tuple[int, ...]  # (R,) regressor columns of `values`; friction columns are left out
-    values: Array  # (R,) rigid and rotor base parameters
+    values: Annotated[Array, "R"]  # rigid and rotor base parameters
     coulomb: Line  # fc(T) [N·m], without wear
     viscous: Line  # fv(T) [N·m·s/rad], without wear
-    friction_correlation: Array  # (J,) correlation of fc and fv within a replay, −1…1
-    wear: Array  # (J,) present wear w, logarithm of a factor on friction
-    wear_std: Array  # (J,) standard deviation of w
-    residual_rms_nm: Array  # (J,) RMS residual of the fit to the last replay [N·m]
-    residual_friction: ResidualFriction | None = field(default=None, metadata={"key": "finer"})  # None: friction is fc and fv alone
-    error_rms_nm: Array | None = None  # (J,) RMS error of the model without measurement noise [N·m]; None: use residual_rms_nm
-    measured_rms_nm: Array | None = None  # (J,) RMS of single measured samples about the model [N·m]; None: use residual_rms_nm
+    friction_correlation: Annotated[Array, "J"]  # correlation of fc and fv within a replay, −1…1
+    wear: Annotated[Array, "J"]  # present wear w, logarithm of a factor on friction
+    wear_std: Annotated[Array, "J"]  # standard deviation of w
+    residual_rms_nm: Annotated[Array, "J"]  # RMS residual of the fit to the last replay [N·m]
+    residual_friction: ResidualFriction | None = None  # None: friction is fc and fv alone
+    error_rms_nm: Annotated[Array, "J"] | None = None  # RMS error of the model without measurement noise [N·m]; None: use residual_rms_nm
+    measured_rms_nm: Annotated[Array, "J"] | None = None  # RMS of single measured samples about the model [N·m]; None: use residual_rms_nm
 
     @property
     def joints(self) -> int:
@@ -79,9 +87,7 @@ class CompensatedModel:
 
     def as_document(self) -> dict[str, Any]:
         """The model as a JSON object; `model_from_document` is the inverse."""
-        document: dict[str, Any] = plain(replace(self, residual_friction=None))
-        if self.residual_friction is not None:
-            document["finer"] = _residual_document(self.residual_friction)
+        document: dict[str, Any] = plain(self)
         return document
 
     def _worn(self, fresh: LawValue) -> LawValue:
@@ -89,51 +95,9 @@ class CompensatedModel:
         return LawValue(fresh.value * factor, fresh.std * factor, fresh.extrapolated)
 
 
-def _residual_document(residual: ResidualFriction) -> dict[str, Any]:
-    """Residual friction as a JSON object. The name of its law is given only where it is another than that of the first documents."""
-    document: dict[str, Any] = {name: plain(getattr(residual, name)) for name in _RESIDUAL_ARRAYS}
-    return document if residual.law == CONCAVE else {"law": residual.law.name, **document}
-
-
-def _residual_from_document(document: Any, joints: int) -> ResidualFriction:
-    """The inverse of `_residual_document` for J = `joints`. Raises BadInput naming what is missing or wrong."""
-    where = "model: finer"
-    law = friction_law(str(document.get("law", CONCAVE.name))) if isinstance(document, dict) else CONCAVE
-    shapes = {name: (joints, len(law.terms)) if name == "terms" else (joints,) for name in _RESIDUAL_ARRAYS}
-    return ResidualFriction(law=law, **{name: array(document, name, shape, where=where) for name, shape in shapes.items()})
-
-
 def model_from_document(document: Any) -> CompensatedModel:
     """A CompensatedModel from its JSON object. Raises BadInput naming what is missing or wrong."""
-    where = "model"
-    J = len(array(document, "wear", (-1,), where=where))
-    arrays: dict[str, Any] = {
-        f.name: array(document, f.name, (-1,) if f.name == "values" else (J,), where=where)
-        for f in fields(CompensatedModel)
-        if f.type == Array
-    }
-    residual_friction = document.get("finer")
-    if residual_friction is not None:
-        residual_friction = _residual_from_document(residual_friction, J)
-    optional = {
-        name: array(document, name, (J,), where=where) for name in ("error_rms_nm", "measured_rms_nm") if document.get(name) is not None
-    }
-    columns = array(document, "columns", arrays["values"].shape, where=where)
-    try:
-        return CompensatedModel(
-            robot=str(entry(document, "robot", where=where)),
-            mounting=Mounting(**entry(document, "mounting", where=where)),
-            revision=int(entry(document, "revision", where=where)),
-            at_unix_s=float(entry(document, "at_unix_s", where=where)),
-            columns=tuple(int(column) for column in columns),
-            coulomb=line_from_document(entry(document, "coulomb", where=where), J, where="model: coulomb"),
-            viscous=line_from_document(entry(document, "viscous", where=where), J, where="model: viscous"),
-            residual_friction=residual_friction,
-            **arrays,
-            **optional,
-        )
-    except (TypeError, ValueError) as wrong:
-        raise BadInput(f"model: {wrong}") from None
+    return typed(CompensatedModel, document, where="model")
 
 
 # --- Identification and belief after one replay → the temperature-compensated torque model --------------
@@ -185,7 +149,7 @@ def _residual_friction(identification: Identification) -> ResidualFriction | Non
     beyond = residual.friction - np.pad(fc_fv, ((0, 0), (0, len(residual.law.extra_terms))))  # (J, K)
     temperature_c = identification.temperature_c
     return ResidualFriction(
-        law=residual.law,
+        law_name=residual.law.name,
         terms=np.nan_to_num(np.where(np.isfinite(fc_fv[:, :1]), beyond, 0.0)),
         temperature_c=np.full(len(fc_fv), np.nan) if temperature_c is None else temperature_c,
         speed_rad_s=identification.max_speed_rad_s,

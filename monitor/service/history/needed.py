@@ -9,9 +9,9 @@ from monitor.acquire.schedule.needed import Need, Told, need
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.health import Health
 from monitor.judge.belief import Belief
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.drift.suspicion import doubted_rise
-from monitor.judge.production_observation import ProductionObservation, production_observation_from_document
+from monitor.judge.production_observation import ProductionObservation
 from monitor.publish.timestamps import rfc3339
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.history.production import DayOfProduction
@@ -53,7 +53,7 @@ def need_document(settings: ScheduleSettings, found: Need) -> dict[str, object]:
 def last_observation(store: Store) -> tuple[DayOfProduction, ProductionObservation] | None:
     """The newest day of work that was judged; None where none was. Raises StoreError."""
     rows = store.production.rows(limit=1)
-    return (rows[-1], production_observation_from_document(rows[-1].document)) if rows else None
+    return (rows[-1], typed(ProductionObservation, rows[-1].document, where="observation from production")) if rows else None
 
 
 def from_production_document(store: Store, state: EstimatorState, needed: dict[str, Any]) -> dict[str, Any] | None:

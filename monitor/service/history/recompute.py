@@ -16,9 +16,10 @@ from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.assess import AssessSettings, Rejected, model_after
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
+from monitor.judge.document import typed
 from monitor.judge.drift.prior import FleetPrior, prior_from_plain
 from monitor.judge.production import ProductionAssessment, assess_production
-from monitor.judge.production_observation import context_from_document, production_observation_from_document
+from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
@@ -294,8 +295,8 @@ def _with_production(store: Store, state: EstimatorState, day: DayOfProduction) 
 def judge_day(day: DayOfProduction, belief: Belief, health: Health, settings: AssessSettings) -> ProductionAssessment:
     """The verdict of a stored day of ordinary work upon a belief and a health. Raises BadInput where the belief has learnt of later."""
     return assess_production(
-        production_observation_from_document(day.document),
-        context_from_document(day.context),
+        typed(ProductionObservation, day.document, where="observation from production"),
+        typed(Context, day.context, where="context"),
         belief=belief,
         health=health,
         settings=settings.drift,

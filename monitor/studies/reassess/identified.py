@@ -15,7 +15,6 @@ import pyarrow as pa
 from monitor.identify.identification import Identification, ResidualFrictionFit
 from monitor.identify.signals.ripple import Ripple
 from monitor.identify.warnings import DataWarning
-from monitor.judge.production_observation import context_from_document
 from monitor.model.base import base_parameters
 from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot
@@ -100,7 +99,7 @@ def _document(found: Identification, flat: list[Array]) -> dict[str, Any]:
 
 def _replay(document: dict[str, Any], numbers: Array) -> IdentifiedReplay:
     identification = document.pop("identification", None)
-    context = context_from_document(document.pop("context"))
+    context = typed(Context, document.pop("context"), where="context")
     made = None if identification is None else _identification(identification, numbers)
     return IdentifiedReplay(**document, context=context, identification=made)
 

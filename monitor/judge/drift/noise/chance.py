@@ -11,12 +11,11 @@ young ages a block of replays counts only when it is full, so that a change of a
 Shapes: N joints, J per arm, W starts of a change, 2 kinds of change (step, rate), 2 sides (fall, rise), G groups of starts of similar age.
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from monitor.judge.document import array
 from monitor.recording import Array
 
 SIZES = (2, 2, 4, 8, 12, 6, 6, 8)  # number of starts in each group, W in all: about an octave of age each
@@ -46,12 +45,12 @@ LEAST = 0.85  # least inflation: the model allows for wear that wanders, which m
 class Chance:
     """Mean score²/information of candidate changes by age, and the inflation of variance that follows."""
 
-    filling: Array  # (N, 2, 2, G) sum over the block that is being filled
-    filled: Array  # (N, G) [replays] in that block
-    mean: Array  # (N, 2, 2, G) over all full blocks
-    replays: Array  # (N, G) [replays] that the mean is over
-    inflation: Array  # (N, 2, G) of the variance of a change of this kind and age
-    since: Array  # (N,) [replays] since the last change began, or since the first replay
+    filling: Annotated[Array, "N 2 2 G"]  # sum over the block that is being filled
+    filled: Annotated[Array, "N G"]  # [replays] in that block
+    mean: Annotated[Array, "N 2 2 G"]  # over all full blocks
+    replays: Annotated[Array, "N G"]  # [replays] that the mean is over
+    inflation: Annotated[Array, "N 2 G"]  # of the variance of a change of this kind and age
+    since: Annotated[Array, "N"]  # [replays] since the last change began, or since the first replay
 
     def of_starts(self) -> Array:
         """(N, 2, W) inflation of the variance of each candidate."""
@@ -182,11 +181,3 @@ def of_others(each: Array, joints_per_arm: int) -> Array:
     arms = each.reshape(-1, joints_per_arm, *each.shape[1:])
     others: Array = (arms.sum(axis=1, keepdims=True) - arms).reshape(each.shape)
     return others
-
-
-def chance_from_document(document: Any, joints: int) -> Chance:
-    """A Chance from its document; that of a new arm from None, as in beliefs of releases without it."""
-    new = nothing_seen(joints)
-    if document is None:
-        return new
-    return Chance(**{f.name: array(document, f.name, getattr(new, f.name).shape, where="belief: chance") for f in fields(Chance)})

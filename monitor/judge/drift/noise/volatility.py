@@ -10,11 +10,10 @@ Shapes: N joints, J per arm.
 """
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 
-from monitor.judge.document import array
 from monitor.judge.drift.noise.size import LARGEST_SQUARE
 from monitor.recording import Array
 
@@ -43,16 +42,18 @@ class Volatility:
     average.
     """
 
-    usual: Array  # [log²] mean of the squares, without a prior: one that fades would look like noise that swells
-    level: Array  # running mean of relative squares …
-    last: Array  # … without the last one: the next difference shares a replay with it, and is like it by chance; NaN before the first
-    square_mean: Array  # mean of the relative squares: not 1 where their size changed since
-    level_mean: Array  # and of the levels
-    product: Array  # covariance of relative squares and levels
-    level_var: Array  # variance of the levels
-    square_var: Array  # variance of the relative squares
-    replays: Array  # number of squares in the usual one
-    pairs: Array  # number of relative squares in the means after `last`
+    usual: Annotated[Array, "N"]  # [log²] mean of the squares, without a prior: one that fades would look like noise that swells
+    level: Annotated[Array, "N"]  # running mean of relative squares …
+    last: Annotated[
+        Array, "N"
+    ]  # … without the last one: the next difference shares a replay with it, and is like it by chance; NaN before the first
+    square_mean: Annotated[Array, "N"]  # mean of the relative squares: not 1 where their size changed since
+    level_mean: Annotated[Array, "N"]  # and of the levels
+    product: Annotated[Array, "N"]  # covariance of relative squares and levels
+    level_var: Annotated[Array, "N"]  # variance of the levels
+    square_var: Annotated[Array, "N"]  # variance of the relative squares
+    replays: Annotated[Array, "N"]  # number of squares in the usual one
+    pairs: Annotated[Array, "N"]  # number of relative squares in the means after `last`
 
     def coefficient(self, joints_per_arm: int) -> Array:
         """(N,) b: share of what `level` says that the next square does, by all joints of the arm; 0 … 1."""
@@ -127,10 +128,3 @@ def steady(joints: int) -> Volatility:
         replays=none,
         pairs=none,
     )
-
-
-def volatility_from_document(document: Any, joints: int, *, where: str = "belief: track: volatility") -> Volatility:
-    """A Volatility from its document; that of a new arm from None, as in beliefs of releases without it."""
-    if document is None:
-        return steady(joints)
-    return Volatility(**{f.name: array(document, f.name, (joints,), where=where) for f in fields(Volatility)})
