@@ -1,7 +1,7 @@
 """Values of this room as plain JSON and back, exactly: the shortest repr of a float is that float, and NaN becomes null.
 
 The type of a value says how it is read back: `typed` is the inverse of `plain` for every dataclass and named tuple of these rooms. A field
-`Annotated[Array, "N S"]` names its dimensions; a name has one length throughout a document.
+`Annotated[Array, "N S"]` names its dimensions; a name has one length in a value and in its parts.
 """
 
 import math
@@ -9,11 +9,12 @@ import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.reason import Reason, reason_from
 from monitor.recording import Array
 
 T = TypeVar("T")
@@ -29,6 +30,8 @@ def plain(value: Any) -> Any:
         return listed if whole else plain(listed)
     if isinstance(value, float):
         return None if math.isnan(value) else value
+    if isinstance(value, Reason):
+        return value.document()
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
@@ -40,20 +43,21 @@ def plain(value: Any) -> Any:
     return value
 
 
-def typed(cls: type[T], document: Any, *, where: str, sizes: Sizes | None = None) -> T:
-    """The value of a dataclass or named tuple from its plain JSON; a key that is missing has the field's default.
+def typed(cls: type[T], document: Any, *, where: str, sizes: Sizes | None = None, complete: bool = True) -> T:
+    """The value of a dataclass or named tuple from its plain JSON, which may hold more.
 
     where : what the document is, for messages. sizes : dimensions whose length is known; others are taken from the first array that names
-    them. Raises BadInput naming the key that is missing, is of another type, or has another shape.
+    them. complete : whether every key must be there, so that no state is read in part; else a missing one has its field's default.
+    Raises BadInput naming the key that is missing, is of another type, or has another shape.
     """
-    sizes = {} if sizes is None else sizes
+    sizes = dict(sizes or {})  # what a part binds does not bind its neighbours
     if not isinstance(document, Mapping):
         raise BadInput(f"{where}: expected a JSON object, not {type(document).__name__}")
     values = {}
-    for name, (hint, required) in _fields_of(cls).items():
+    for name, (hint, required) in _fields_of(cls).items():  # type: ignore[arg-type]  # a class is hashable
         if name in document:
-            values[name] = _value(hint, document[name], f"{where}: {name}", sizes)
-        elif required:
+            values[name] = _value(hint, document[name], f"{where}: {name}", sizes, complete)
+        elif required or complete:
             raise BadInput(f"{where}: the key {name!r} is missing")
     try:
         return cls(**values)
@@ -71,31 +75,37 @@ def _fields_of(cls: type) -> dict[str, tuple[Any, bool]]:
     return {name: (hints[name], name not in defaults) for name in cls._fields}  # type: ignore[attr-defined]  # a named tuple
 
 
-def _value(hint: Any, given: Any, where: str, sizes: Sizes) -> Any:
+def _value(hint: Any, given: Any, where: str, sizes: Sizes, complete: bool) -> Any:
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         if get_origin(arguments[0]) is np.ndarray:
             return _array(given, str(arguments[1]), where, sizes)
-        return _value(arguments[0], given, where, sizes)
+        return _value(arguments[0], given, where, sizes, complete)
     if origin is np.ndarray:
         return _array(given, None, where, sizes)
+    if origin is Literal:
+        if given in arguments:
+            return given
+        raise BadInput(f"{where} is {given!r}; expected one of {', '.join(map(str, arguments))}")
     if origin in (Union, types.UnionType):
         if given is None and type(None) in arguments:
             return None
-        return _value(next(each for each in arguments if each is not type(None)), given, where, sizes)
+        return _value(next(each for each in arguments if each is not type(None)), given, where, sizes, complete)
     if origin is tuple:
         if not isinstance(given, list | tuple):
             raise BadInput(f"{where}: expected a list")
         kinds = [arguments[0]] * len(given) if arguments[-1] is Ellipsis else list(arguments)
         if len(kinds) != len(given):
             raise BadInput(f"{where}: expected {len(kinds)} entries, not {len(given)}")
-        return tuple(_value(kind, each, f"{where}[{k}]", sizes) for k, (kind, each) in enumerate(zip(kinds, given, strict=True)))
+        return tuple(_value(kind, each, f"{where}[{k}]", sizes, complete) for k, (kind, each) in enumerate(zip(kinds, given, strict=True)))
     if origin is not None and issubclass(origin, Mapping):
         if not isinstance(given, Mapping):
             raise BadInput(f"{where}: expected a JSON object")
-        return {str(key): _value(arguments[1], each, f"{where}: {key}", sizes) for key, each in given.items()}
+        return {str(key): _value(arguments[1], each, f"{where}: {key}", sizes, complete) for key, each in given.items()}
+    if hint is Reason:
+        return reason_from(given)
     if is_dataclass(hint) or hasattr(hint, "_fields"):
-        return typed(hint, given, where=where, sizes=sizes)
+        return typed(hint, given, where=where, sizes=sizes, complete=complete)
     if hint is float:
         given = math.nan if given is None else given
         if isinstance(given, int | float) and not isinstance(given, bool):

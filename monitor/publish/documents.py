@@ -59,7 +59,7 @@ class JointState(Document):
     learnt_at: datetime | None = Field(default=None, description="of the last replay that taught something of it")
 
 
-class Split(Document):
+class Attribution(Document):
     """What a change of friction torque is made of, each as a logarithm: they add up to the whole."""
 
     whole: Number = Field(description="from the mean of the first replays to the last one, nothing taken out")
@@ -77,7 +77,7 @@ class Gravest(Document):
     change: Number
     probability: Number
     text: str
-    split: Split | None = None
+    attribution: Attribution | None = None
 
 
 class Acknowledgement(Document):
@@ -106,7 +106,7 @@ class Alert(Document):
     text: str
     action: str
     severity: str = "low"
-    split: Split | None = None
+    attribution: Attribution | None = None
     acknowledged_at: datetime | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
@@ -240,7 +240,7 @@ class Events(Document):
 
 
 class Model(Document):
-    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T) + what is `finer`.
+    """The temperature-compensated model, complete: torque = Y·values + s(q̇)·fc(T) + q̇·fv(T) + what is `residual_friction`.
 
     Older ones lack what may be null: friction is then fc and fv alone, and `residual_rms_nm` stands for both doubts.
     """
@@ -257,7 +257,7 @@ class Model(Document):
     wear: list[Number]
     wear_std: list[Number]
     residual_rms_nm: list[Maybe]
-    finer: dict[str, Any] | None = Field(
+    residual_friction: dict[str, Any] | None = Field(
         default=None, description="friction beyond fc and fv: of s, q̇, |τ|·s, |q̇|^½·s at temperature_c, in proportion to fv(T)"
     )
     error_rms_nm: list[Maybe] | None = Field(default=None, description="of the torque itself, as replays foreseen have shown it")

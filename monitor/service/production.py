@@ -271,7 +271,7 @@ class ProductionListener:
             found, verdict = judged
             learnt = tuple(int(j) + 1 for j in np.flatnonzero(verdict.learnt))
             day = DayOfProduction(
-                day=last_day, at_unix_s=now, document=found.as_document(), context=plain(pinned.context), learnt=learnt, made_with=""
+                day=last_day, at_unix_s=now, document=plain(found), context=plain(pinned.context), learnt=learnt, made_with=""
             )
             events = self._store.production.commit(
                 day,

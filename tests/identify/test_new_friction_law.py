@@ -91,7 +91,7 @@ def test_the_new_law_may_be_the_residual_friction(law, monkeypatch):
     np.testing.assert_allclose(model.residual_friction.terms[:, 2], QUADRATIC, rtol=0.05)
 
     document = json.loads(json.dumps(model.as_document(), allow_nan=False))
-    assert document["finer"]["law"] == "quadratic"
+    assert document["residual_friction"]["law_name"] == "quadratic"
     other = arm(seed=3)
     states, T = (other.q, other.qd, other.qdd), np.full(6, 31.25)
     predicted = predict_torque(model, UR5, *states, T).torque

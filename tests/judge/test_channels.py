@@ -24,14 +24,13 @@ from monitor.judge.alerts.evidence import (
     weigh_evidence,
 )
 from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.drift.channels import (
     CHANNELS,
     CONTRAST,
     RESIDUAL,
     ChannelReplay,
     ChannelState,
-    channels_from_document,
     of_mean,
     update_channels,
 )
@@ -187,14 +186,13 @@ def test_the_variance_of_a_mean_is_that_of_the_autoregression(rho, n):
     assert of_mean(np.array(rho), float(n)) == pytest.approx(whole, rel=1e-6)
 
 
-def test_channels_are_stored_exactly_and_an_older_belief_has_none():
+def test_channels_are_stored_exactly():
     """The document is the state, and its absence is a state that begins to learn."""
     state = lived(replays(50, arms=1))[-1]
-    again = channels_from_document(plain(state), J)
+    again = typed(ChannelState, plain(state), where="channels", sizes={"N": J})
     assert again is not None
     for f in fields(ChannelState):
         assert np.array_equal(getattr(again, f.name), getattr(state, f.name), equal_nan=True), f.name
-    assert channels_from_document(None, J) is None
 
 
 def test_joints_of_other_arms_do_not_matter():

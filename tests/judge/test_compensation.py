@@ -13,7 +13,6 @@ from monitor.errors import BadInput
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.torque.model import CompensatedModel, ResidualFriction, model_from_document
 from monitor.judge.torque.predictor import predict_torque, predictor_for
-from monitor.model.friction import CONCAVE
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")
@@ -171,7 +170,7 @@ def with_residual_friction(model) -> CompensatedModel:
     terms = np.tile([-2.0, -3.0, 0.05, 5.5], (6, 1))
     terms[3] = [-50.0, -50.0, 0.0, 0.0]
     beyond = ResidualFriction(
-        law=CONCAVE, terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0)
+        law_name="concave", terms=terms, temperature_c=np.full(6, 25.0), speed_rad_s=np.full(6, 1.0), load_nm=np.full(6, 40.0)
     )
     return replace(model, residual_friction=beyond)
 

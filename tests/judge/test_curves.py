@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from monitor.errors import BadInput
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.temperature.laws import (
+    Law,
     Line,
     TemperatureSettings,
     fit_law,
     initial_law,
-    law_from_document,
-    line_from_document,
     update_law,
 )
 
@@ -27,7 +26,7 @@ def learnt_of(friction, *, replays: int = 200, noise: float = 0.02, coldest: flo
     for _ in range(replays):
         T = rng.uniform(coldest, warmest, 6)
         law = update_law(law, T, friction(T) * np.exp(noise * rng.normal(size=6)))
-    assert plain(law_from_document(plain(law), 6, where="law")) == plain(law)
+    assert plain(typed(Law, plain(law), where="law", sizes={"J": 6})) == plain(law)
     return fit_law(law, REFERENCE_C, SETTINGS)
 
 
@@ -91,8 +90,8 @@ def test_a_line_with_its_curve_goes_through_json_exactly_and_an_old_one_without(
     """And a damaged one is named."""
     line = learnt_of(LAWS["vogel"])
     document = plain(line)
-    assert plain(line_from_document(document, 6, where="line")) == document
+    assert plain(typed(Line, document, where="line", sizes={"J": 6})) == document
     del document["curve"]
-    assert line_from_document(document, 6, where="line").curve is None
+    assert typed(Line, document, where="line", sizes={"J": 6}).curve is None
     with pytest.raises(BadInput, match="line: curve: the key 'b' is missing"):
-        line_from_document({**document, "curve": {"kind": [0.0] * 6, "a": [0.0] * 6}}, 6, where="line")
+        typed(Line, {**document, "curve": {"kind": [0.0] * 6, "a": [0.0] * 6}}, where="line", sizes={"J": 6})

@@ -1,22 +1,18 @@
 """Noise that no model assumed: a healthy arm stays quiet, a step is still found, and beliefs from before go on."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import CONTEXT, START_S, Arm
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, LONGEST, inflation_of, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
-from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
 
@@ -179,22 +175,6 @@ def test_noise_that_does_not_average_out_makes_wear_of_years_less_sure():
     assert np.array_equal(chance.of_wear(), np.ones(3))
     noisy = replace(chance, inflation=np.broadcast_to(np.linspace(1.0, 4.5, GROUPS), chance.inflation.shape))
     assert noisy.of_wear() == pytest.approx([3.0, 4.5, 36.0])
-
-
-def test_a_belief_without_a_record_of_chance_goes_on():
-    """A belief of an earlier release is read, starts with the model's chance, keeps its wear, and the next replay raises nothing."""
-    arm = Arm(seed=1, autocorrelation=0.5)
-    belief = begin("ur5", CONTEXT, arm.replay(30.0), START_S, settings=DRIFT, laws=LAWS)
-    for day in range(40):
-        belief = learn(belief, arm.replay(30.0), CONTEXT, START_S + day * 86400.0, settings=DRIFT, laws=LAWS).belief
-    document = copy.deepcopy(belief.as_document())
-    assert np.array_equal(belief_from_document(document).filter_state.chance.mean, belief.filter_state.chance.mean)
-    del document["track"]["chance"], document["track"]["activity"]
-    carried = belief_from_document(document)
-    assert np.array_equal(carried.wear, belief.wear)
-    assert np.all(carried.filter_state.chance.inflation == 1.0)
-    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 40 * 86400.0, settings=DRIFT, laws=LAWS).belief
-    assert np.all(np.abs(after.wear - belief.wear) < 0.005)
 
 
 def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():

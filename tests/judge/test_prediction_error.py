@@ -147,25 +147,6 @@ def test_torque_is_the_same_to_the_last_bit_after_a_restart(lived, tmp_path):
     assert json.dumps(back.belief.as_document()) == json.dumps(lived.belief.as_document())
 
 
-def test_a_history_without_prediction_error_is_read_and_continued(lived, model, tmp_path):
-    """Until the next replay, torque is that of fc and fv alone, and the residual of the fit is its standard deviation."""
-    belief, old = lived.belief.as_document(), lived.model.as_document()
-    for key in ("finer", "error_rms_nm", "measured_rms_nm"):
-        del old[key]
-    del belief["doubt"]
-    stored(tmp_path, belief, lived.health.as_document(), old)
-    with Store.open(tmp_path) as store:
-        back = load_state(store)
-    plain = replace(lived.model, residual_friction=None, error_rms_nm=None, measured_rms_nm=None)
-    assert all(np.array_equal(a, b) for a, b in zip(asked(plain), asked(back.model), strict=True))
-    seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)
-    state = {"belief": back.belief, "health": back.health, "model": back.model}
-    after = assess(seen, robot=UR5, mounting=Mounting(), **state)
-    assert isinstance(after, Assessment)
-    assert after.model.residual_friction is not None
-    assert np.all(after.belief.prediction_error.replays == 1)
-
-
 def test_verdicts_do_not_depend_on_the_model_of_the_replay_before(lived, model):
     """A recomputation that begins at a checkpoint has no such model, and its document is the same."""
     seen = recording(model, error_nm=0.3, noise_nm=0.5, seed=9)

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
 from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, STEP, WEAR, initial_filter, replace_joints
 from monitor.judge.drift.observation import Observation
-from monitor.judge.drift.reference import from_beginning, reference_from_document
+from monitor.judge.drift.reference import Reference, from_beginning
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.drift.update.blame import common_changes
@@ -163,13 +163,11 @@ def test_a_replaced_joint_doubts_its_slope_once_and_not_once_a_slot():
     assert after.counted_from.fallen[2:4].tolist() == [-0.1, 0.0]
 
 
-def test_the_reference_goes_through_json_and_is_the_beginning_where_it_is_absent():
-    """Beliefs of releases without it count from the beginning."""
+def test_the_reference_goes_through_json():
     some = replace(from_beginning(6), run_in=np.linspace(-0.08, 0.0, 6), held_days=np.array([np.nan, 1.0, 2.0, 3.0, 4.0, 5.0]))
-    back = reference_from_document(json.loads(json.dumps(plain(some))), 6)
+    back = typed(Reference, json.loads(json.dumps(plain(some))), where="reference", sizes={"N": 6})
     assert np.array_equal(back.run_in, some.run_in)
     assert np.array_equal(back.held_days, some.held_days, equal_nan=True)
-    assert not reference_from_document(None, 6).moved.any()
 
 
 @given(st.permutations(range(J)), st.integers(1, 6))

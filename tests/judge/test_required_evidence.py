@@ -11,13 +11,10 @@ from test_reference import DRIFT, HEALTH, Lived, of_joint
 
 from monitor.judge.alerts.evidence import (
     WearAfterReplay,
-    advisory_sigmas,
     nothing_counted,
-    required_of_joints,
     wear_of_state,
     weigh_evidence,
 )
-from monitor.judge.drift.noise.chance import chance_from_document
 from monitor.judge.drift.update import change_detection
 from monitor.judge.drift.update.change_detection import (
     LONG,
@@ -75,14 +72,6 @@ def test_wear_that_no_change_explains_needs_more():
     assert raised_in_four_days(3.2, changed=True)
     assert not raised_in_four_days(3.2, changed=False)
     assert raised_in_four_days(3.7, changed=False)
-
-
-def test_where_nobody_knows_of_changes_the_evidence_is_that_of_before():
-    """An arm whose belief is of a release that did not remember changes."""
-    joints = Lived(1, 30, lambda day: np.zeros(J)).joints
-    older = replace(joints, chance=chance_from_document(None, J))
-    required = advisory_sigmas(J, HEALTH)
-    assert required_of_joints(wear_of_state(older, joints.learnt_from, 29.0), required) == pytest.approx(required)
 
 
 def needed(age, *, noise=0.02, known=0.0, interval_days=1.0, beside_production=False, drift=DRIFT):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic_arm import CONTEXT, DAY_S, Arm, fresh
+from synthetic_arm import CONTEXT, DAY_S, Arm
 
 from monitor.identify.signals.ripple import Ripple
 from monitor.judge.alerts.health import HealthSettings
@@ -123,10 +123,3 @@ def test_another_context_begins_anew():
     loaded = judged(belief, 3, 0.060, replace(CONTEXT, payload_kg=3.0))
     assert loaded.friction[0].ripple.replays == (1, 0, 0)
     assert loaded.friction[0].ripple.first_a[0] == pytest.approx(0.060, abs=0.01)
-
-
-def test_a_belief_of_an_earlier_release_has_no_ripple_and_learns_it():
-    """A document without the key is read, and the next replay begins the track."""
-    document = fresh().as_document()
-    del document["ripple"]
-    assert belief_from_document(document).ripple is None

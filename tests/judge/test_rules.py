@@ -215,7 +215,7 @@ def test_health_survives_as_json():
     back = health_from_document(json.loads(json.dumps(health.as_document(), allow_nan=False)))
     assert back == health
     assert judged([belief_on(4)], back) == judged([belief_on(4)], health)
-    with pytest.raises(BadInput, match="'alerts' is missing"):
+    with pytest.raises(BadInput, match="the key 'state' is missing"):
         health_from_document({"joints": []})
     with pytest.raises(BadInput, match="health"):
         health_from_document({**health.as_document(), "alerts": [{"joint": 1}]})

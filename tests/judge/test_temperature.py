@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 from synthetic_arm import Arm, History
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.temperature.laws import (
     Law,
+    Line,
     TemperatureSettings,
     fit_law,
     initial_law,
-    law_from_document,
-    line_from_document,
     reopen_law,
     update_law,
 )
@@ -114,10 +113,10 @@ def test_documents_of_laws_and_lines_are_exact():
     """NaN becomes null, and every float is read as it was written."""
     law = update_law(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
     line = fit_law(law, 27.1 * ONE, SETTINGS)
-    assert plain(law_from_document(plain(law), 1, where="law")) == plain(law)
-    assert plain(line_from_document(line.as_document(), 1, where="line")) == line.as_document()
+    assert plain(typed(Law, plain(law), where="law", sizes={"J": 1})) == plain(law)
+    assert plain(typed(Line, line.as_document(), where="line", sizes={"J": 1})) == line.as_document()
     with pytest.raises(BadInput, match="sums has shape"):
-        law_from_document({**plain(law), "sums": [[1.0]]}, 1, where="law")
+        typed(Law, {**plain(law), "sums": [[1.0]]}, where="law", sizes={"J": 1})
 
 
 def test_invalid_settings_are_named():

@@ -16,7 +16,6 @@ from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.assess import AssessSettings, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
-from monitor.judge.document import plain
 from monitor.judge.drift import undeclared
 from monitor.judge.drift.undeclared import (
     GAINS,
@@ -24,7 +23,6 @@ from monitor.judge.drift.undeclared import (
     RigidFit,
     Weights,
     compare_weights,
-    mass_estimate_from_document,
     rigid_fit,
     rigid_of,
     update_mass_estimate,
@@ -334,16 +332,6 @@ def test_weights_that_are_known_together_only_show_another_gain(change, expected
     fits = [correlated(rng, change) for _ in range(20)]
     assert np.max(np.abs(fits[0].values - estimate.mean)) < 4.0
     assert {compare_weights(fit, estimate, **limits).condition for fit in fits} == expected
-
-
-def test_weights_of_older_releases_go_on_without_their_covariance():
-    """A stored estimate without it is read, contradicts nothing, and has a covariance from the next replay on."""
-    rng = np.random.default_rng(4)
-    stored = {key: value for key, value in plain(update_mass_estimate(None, weighed(rng))).items() if key not in ("covariance", "scatter")}
-    estimate = mass_estimate_from_document({**stored, "replays": 30})
-    limits = {"sigma": LIMITS.contradiction_sigma, "mass_kg": LIMITS.contradiction_kg}
-    assert compare_weights(weighed(rng), estimate, **limits).condition is None
-    assert update_mass_estimate(estimate, weighed(rng)).covariance.shape == (len(STD), len(STD))
 
 
 @pytest.mark.soak

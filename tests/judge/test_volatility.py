@@ -1,19 +1,14 @@
 """Noise of one joint that waxes and wanes: an arm's past tells whether calm and rough weeks alternate, and steady noise never seems to."""
 
-import copy
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_arm import CONTEXT, START_S, Arm
-from test_noise import DRIFT, LAWS, J, correlated, lived
+from test_noise import DRIFT, J, correlated, lived
 
-from monitor.judge.belief import belief_from_document
 from monitor.judge.drift.filter_state import unknown_joint
 from monitor.judge.drift.from_production import begin_production, swapped
 from monitor.judge.drift.noise.volatility import LEAST, Volatility, steady
-from monitor.judge.learn import begin, learn
 from monitor.recording import Array
 
 DAY_S = 86400.0
@@ -130,22 +125,3 @@ def test_a_joint_that_nobody_has_seen_begins_anew_and_the_others_keep_theirs() -
     fresh = unknown_joint(state.filter_state, new, DRIFT, slope_std=0.01)
     assert np.all(fresh.volatility.replays[new] == 0.0)
     assert np.array_equal(fresh.volatility.usual[~new], state.filter_state.volatility.usual[~new])
-
-
-def test_a_belief_of_a_release_without_volatility_goes_on() -> None:
-    """It begins with nothing seen, keeps its wear, and the next replay is learnt from."""
-    arm = Arm(seed=3, autocorrelation=0.5)
-    belief = begin("ur5", CONTEXT, arm.replay(30.0), START_S, settings=DRIFT, laws=LAWS)
-    for day in range(30):
-        belief = learn(belief, arm.replay(30.0), CONTEXT, START_S + day * DAY_S, settings=DRIFT, laws=LAWS).belief
-    document = copy.deepcopy(belief.as_document())
-    assert np.any(np.isfinite(belief.filter_state.volatility.last))
-    same = belief_from_document(document).filter_state.volatility
-    for name in Volatility.__dataclass_fields__:
-        assert np.array_equal(getattr(same, name), getattr(belief.filter_state.volatility, name), equal_nan=True)
-    del document["track"]["volatility"]
-    carried = belief_from_document(document)
-    assert np.array_equal(carried.wear, belief.wear)
-    assert np.all(carried.filter_state.volatility.replays == 0.0)
-    after = learn(carried, arm.replay(30.0), CONTEXT, START_S + 30 * DAY_S, settings=DRIFT, laws=LAWS).belief
-    assert np.all(after.filter_state.volatility.replays == 1.0)

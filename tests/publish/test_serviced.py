@@ -106,7 +106,7 @@ def test_declared_production_can_be_taken_back_also_after_replays(cell, client):
     client.serviced(3, "replaced", by="Ada", why="wrong joint")
     later(daemon, arm, 2)
     assert any("2 replays since then were judged once more" in sentence for sentence in client.undo_serviced(3, by="Bob").text)
-    assert store.assessments.state().belief["track"]["replays"] == [5.0] * 6
+    assert store.assessments.state().belief["filter_state"]["replays"] == [5.0] * 6
     later(daemon, arm, 1)
     assert recompute(store)["identical"] == 6
 

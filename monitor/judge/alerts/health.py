@@ -4,16 +4,16 @@ The states are those of NAMUR NE 107 in the spelling of OPC UA. An alert is latc
 and its condition is gone. Acknowledged and shelved are independent of active (ISA-18.2). `rules.judge` makes these values.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from annotated_types import Interval
 
-from monitor.errors import BadConfiguration, BadInput
+from monitor.errors import BadConfiguration
 from monitor.judge.bounds import check_bounds
-from monitor.judge.document import entry, key_of, plain
+from monitor.judge.document import plain, typed
 from monitor.recording import Array
 
 State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
@@ -108,8 +108,8 @@ class JointHealth:
     since_unix_s: float = 0.0
     rising: tuple[Confirmations, ...] = (NO_CONFIRMATIONS,) * len(TIERS)  # of risen friction, one a tier
     falling: Confirmations = NO_CONFIRMATIONS  # of fallen friction
-    confirmations: tuple[tuple[str, Confirmations], ...] = field(default=(), metadata={"key": "troubled"})  # of other conditions, by name
-    learnt_at_unix_s: float | None = field(default=None, metadata={"key": "told_unix_s"})  # of the last replay that updated the joint
+    confirmations: tuple[tuple[str, Confirmations], ...] = ()  # of other conditions, by name
+    learnt_at_unix_s: float | None = None  # of the last replay that updated the joint
 
 
 class Gravest(NamedTuple):
@@ -120,7 +120,7 @@ class Gravest(NamedTuple):
     change: float
     probability: float
     text: str
-    split: Attribution | None = None  # of the change
+    attribution: Attribution | None = None  # of the change
 
 
 class Acknowledgement(NamedTuple):
@@ -149,7 +149,7 @@ class Alert:
     text: str
     action: str
     severity: str = "low"
-    attribution: Attribution | None = field(default=None, metadata={"key": "split"})
+    attribution: Attribution | None = None
     acknowledged_at_unix_s: float | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
@@ -196,7 +196,7 @@ class Health:
     joints: tuple[JointHealth, ...]
     alerts: tuple[Alert, ...] = ()
     common: Confirmations = NO_CONFIRMATIONS  # of friction that changed in most joints together
-    confirmations: tuple[tuple[str, Confirmations], ...] = field(default=(), metadata={"key": "troubled"})  # of the arm, by condition
+    confirmations: tuple[tuple[str, Confirmations], ...] = ()  # of the arm, by condition
 
     @property
     def active_alerts(self) -> tuple[Alert, ...]:
@@ -204,7 +204,7 @@ class Health:
         return tuple(sorted((alert for alert in self.alerts if alert.active), key=lambda alert: alert.raised_at_unix_s))
 
     def as_document(self) -> dict[str, Any]:
-        """The health as a JSON object; `documents.health_from_document` is the exact inverse."""
+        """The health as a JSON object; `health_from_document` is the exact inverse."""
         document: dict[str, Any] = plain(self)
         return document
 
@@ -225,49 +225,10 @@ def alert_document(alert: Alert) -> dict[str, Any]:
 
 
 def alert_from_document(document: Mapping[str, Any]) -> Alert:
-    """An Alert from a JSON object that may hold more, for example an event. Raises TypeError where a field is missing."""
-    known = {key_of(f) for f in fields(Alert)}
-    return _alert({key: value for key, value in document.items() if key in known})
+    """An Alert from a JSON object that may hold more, for example an event. Raises BadInput naming what is missing or wrong."""
+    return typed(Alert, document, where="alert", complete=False)
 
 
 def health_from_document(document: Any) -> Health:
     """A Health from `Health.as_document()`. Raises BadInput naming what is missing or wrong."""
-    try:
-        joints = tuple(_joint(joint) for joint in entry(document, "joints", where="health"))
-        alerts = tuple(_alert(alert) for alert in entry(document, "alerts", where="health"))
-        rest = {name: entry(document, name, where="health") for name in ("state", "why", "since_unix_s")}
-        common = Confirmations(**entry(document, "common", where="health"))
-        return Health(joints=joints, alerts=alerts, common=common, confirmations=_by_condition(document.get("troubled", ())), **rest)
-    except (TypeError, KeyError, ValueError) as wrong:
-        raise BadInput(f"health: {wrong}") from None
-
-
-def _joint(document: Mapping[str, Any]) -> JointHealth:
-    values = _by_field(JointHealth, document)
-    values["rising"] = tuple(Confirmations(**each) for each in document["rising"])
-    values["falling"] = Confirmations(**document["falling"])
-    values["confirmations"] = _by_condition(document.get("troubled", ()))
-    return JointHealth(**values)
-
-
-def _alert(document: Mapping[str, Any]) -> Alert:
-    values = _by_field(Alert, document)
-    gravest = values.get("gravest")
-    values["attribution"] = _attribution(values.get("attribution"))
-    values["gravest"] = Gravest(**gravest | {"split": _attribution(gravest.get("split"))}) if gravest else None
-    values["acknowledgements"] = tuple(Acknowledgement(**each) for each in values.get("acknowledgements") or ())
-    return Alert(**values)
-
-
-def _attribution(document: Mapping[str, Any] | None) -> Attribution | None:
-    return Attribution(**document) if document else None
-
-
-def _by_field(cls: type, document: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a JSON object by the names of a dataclass's fields; an unknown key keeps its name."""
-    names = {key_of(f): f.name for f in fields(cls)}
-    return {names.get(key, key): value for key, value in document.items()}
-
-
-def _by_condition(document: Iterable[Any]) -> tuple[tuple[str, Confirmations], ...]:
-    return tuple((str(condition), Confirmations(**confirmations)) for condition, confirmations in document)
+    return typed(Health, document, where="health")

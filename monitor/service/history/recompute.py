@@ -22,7 +22,7 @@ from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Mounting, load_robot
-from monitor.recording import Recording
+from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, Inputs, assessed, robot_digest
 from monitor.store.formats.recordings import read_recording

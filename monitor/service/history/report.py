@@ -192,7 +192,7 @@ def _graver(before: Mapping[str, Any] | None, alert: Mapping[str, Any]) -> dict[
     """The gravest moment of an alert whose transitions a release without it stored: the graver of that before and of this one."""
     now = {
         "at_unix_s": alert["updated_at_unix_s"],
-        **{name: alert.get(name) for name in ("tier", "change", "probability", "text", "split")},
+        **{name: alert.get(name) for name in ("tier", "change", "probability", "text", "attribution")},
     }
     known = (before or {}).get("gravest") or now
     return max(known, now, key=lambda one: (TIERS.index(one["tier"]), abs(one["change"])))

@@ -47,7 +47,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
         maintenance = [row_document(row) for row in store.maintenance.rows() if row.in_force][-MAINTENANCE_SHOWN:]
-        if state is not None and (replays := state.belief.get("track", {}).get("replays")):
+        if state is not None and (replays := state.belief.get("filter_state", {}).get("replays")):
             newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
         recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
         ledger = store.ledger.rows(limit=LEDGER_ROWS)

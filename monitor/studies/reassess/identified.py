@@ -15,6 +15,7 @@ import pyarrow as pa
 from monitor.identify.identification import Identification, ResidualFrictionFit
 from monitor.identify.signals.ripple import Ripple
 from monitor.identify.warnings import DataWarning
+from monitor.judge.document import typed
 from monitor.model.base import base_parameters
 from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot

@@ -53,7 +53,7 @@ function evidenceOf(alert, name) {
   evidence.append(make("summary", t("Evidence"), { "aria-label": t("Evidence: {name}", { name }) }), make("p", alert.text));
   if (alert.gravest && alert.gravest.text !== alert.text) evidence.append(make("p", `${t("At its gravest, {when}:", { when: brief(alert.gravest.at) })} ${alert.gravest.text}`));
   if (figure) evidence.append(make("p", figure));
-  if (alert.split) evidence.append(attribution(alert.split));
+  if (alert.attribution) evidence.append(attribution(alert.attribution));
   return evidence;
 }
 
