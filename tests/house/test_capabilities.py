@@ -1,0 +1,87 @@
+"""The table of capabilities is whole: each test exists, and each entry of the program's registries has its row."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from monitor.acquire.safety import conditions as of_motion
+from monitor.cli.main import app
+from monitor.design.objective import OBJECTIVES
+from monitor.errors import ReplayAborted
+from monitor.gateway.channels import CHANNELS
+from monitor.judge.alerts import conditions as of_alerts
+from monitor.model.friction import LAWS
+from monitor.publish.registry import KINDS
+from monitor.simulate.faults import FAULTS
+from tests.house import capabilities
+
+ROOT = Path(__file__).parents[2]
+
+
+def commands(group: Any, before: tuple[str, ...] = ()) -> Iterator[str]:
+    """The names of all commands, those of a group after its name."""
+    for name, command in getattr(group, "commands", {}).items():
+        yield " ".join((*before, name))
+        yield from commands(command, (*before, name))
+
+
+def routes(folder: str) -> set[str]:
+    """The addresses that the modules of a folder serve: the first argument of each `Route`."""
+    trees = (ast.parse(path.read_text("utf-8")) for path in (ROOT / "monitor" / folder).rglob("*.py"))
+    calls = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "Route")
+    return {call.args[0].value for call in calls if isinstance(call.args[0], ast.Constant)}
+
+
+REGISTERED = {
+    "COMMANDS": set(commands(get_command(app))),
+    "DOCUMENTS": set(KINDS),
+    "ALERTS": set(of_alerts.CONDITIONS),
+    "MOTION_CONDITIONS": {condition.name for condition in of_motion.CONDITIONS},
+    "CHANNELS": {kind.section for kind in CHANNELS},
+    "FRICTION_LAWS": set(LAWS),
+    "OBJECTIVES": set(OBJECTIVES),
+    "SCENARIOS": {path.stem for path in (ROOT / "config" / "scenarios").glob("*.toml")},
+    "SIMULATED_FAULTS": set(FAULTS),
+    "PAGES": {f"arm {route}" for route in routes("views")} | {f"plant {route}" for route in routes("plant")},
+}
+
+
+@pytest.mark.parametrize("table", REGISTERED)
+def test_what_the_program_registers_has_a_row_and_nothing_is_lost(table):
+    """A new entry of a registry needs a row, and an entry that is gone takes its capability with it."""
+    assert set(getattr(capabilities, table)) == REGISTERED[table]
+
+
+def test_every_harmless_end_of_a_motion_has_a_row():
+    """By its cause."""
+    assert set(ReplayAborted.HARMLESS) <= set(capabilities.ENDS_OF_A_MOTION)
+
+
+def test_every_capability_has_a_test_that_exists():
+    """A test that was moved or renamed takes its row along."""
+    missing = []
+    for path, names in by_file().items():
+        file = ROOT / "tests" / path
+        found = (
+            {node.name for node in ast.parse(file.read_text("utf-8")).body if isinstance(node, ast.FunctionDef)}
+            if file.is_file()
+            else set()
+        )
+        missing += [f"{path}::{name}" for name in names - found]
+    assert missing == []
+
+
+def by_file() -> dict[str, set[str]]:
+    """The tests that the table names, by their file."""
+    found: dict[str, set[str]] = {}
+    for rows in capabilities.CAPABILITIES.values():
+        for what, tests in rows.items():
+            assert tests, what
+            for test in tests:
+                path, _, name = test.partition("::")
+                found.setdefault(path, set()).add(name)
+    return found
