@@ -11,9 +11,8 @@ import math
 import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any, Union
-
-import numpy as np
 
 JOINT_NAMES = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")  # as PolyScope shows joints 1 to 6; this table is the only one
 Parameter = Union[str, int, float, bool, None, "Reason", tuple["Parameter", ...]]
@@ -52,11 +51,11 @@ class Words:
 
     def day(self, unix_s: float) -> str:
         """A UTC day: 2026-11-21."""
-        return str(np.datetime64(math.floor(unix_s), "s").astype("datetime64[D]"))
+        return f"{datetime.fromtimestamp(math.floor(unix_s), UTC):%Y-%m-%d}"
 
     def time(self, unix_s: float) -> str:
         """A UTC time to the minute: 2026-11-21 03:00 UTC."""
-        return f"{str(np.datetime64(math.floor(unix_s), 's').astype('datetime64[m]')).replace('T', ' ')} UTC"
+        return f"{datetime.fromtimestamp(math.floor(unix_s), UTC):%Y-%m-%d %H:%M} UTC"
 
     def say(self, reason: "Reason") -> str:
         """The whole sentence. A reason of a code that this language does not know stays in English."""
@@ -159,7 +158,7 @@ class _Filler(string.Formatter):
 
 def _parameter(value: Any) -> Parameter:
     """A parameter as JSON can carry it: numpy's numbers and lists become Python's."""
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of numpy, which a command that only prints its help does not import
         value = value.tolist()
     if isinstance(value, Sequence) and not isinstance(value, str):
         return tuple(_parameter(each) for each in value)

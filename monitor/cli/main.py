@@ -5,21 +5,67 @@ inside of their functions, so that `--help` is quick.
 """
 
 import os
+import shlex
 import sys
 from collections.abc import Iterator
-from typing import Annotated, Any
+from itertools import pairwise
+from typing import Annotated, Any, cast
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from monitor import __version__
-from monitor.cli.arm import bus, hand_over, history, inspected, live, motion, service, serviced
-from monitor.cli.hints import CommandWithHints
-from monitor.cli.offline import assess, design, identification, models, prior, production, query, reassess, reports
-from monitor.cli.plant import gateway, plant
-from monitor.cli.setup import init
-from monitor.cli.simulated import demo, simulator, trial
-from monitor.errors import MonitorError
+from monitor.cli import (
+    alerts,
+    daemon,
+    design,
+    gateway,
+    history,
+    identify,
+    init,
+    judge,
+    maintenance,
+    motion,
+    plant,
+    reports,
+    simulate,
+)
+from monitor.cli.options import LAWS
+from monitor.errors import BadInput, MonitorError
+
+# typer brings its own click, or uses the one that is installed: of either, what both kinds of mistakes are
+UsageError = cast("type[Exception]", typer.BadParameter.__base__)
+
+
+class Command(TyperCommand):
+    """A command whose help names the friction laws, and that corrects a line which names a configuration in the wrong way."""
+
+    def get_params(self, ctx: Any) -> list[Any]:  # the types are private to typer
+        """The parameters. Click calls this before it parses arguments or prints help."""
+        parameters: list[Any] = super().get_params(ctx)
+        for parameter in parameters:
+            text = getattr(parameter, "help", None)
+            if text and LAWS in text:
+                from monitor.model.friction import law_choices
+
+                parameter.help = text.replace(LAWS, law_choices())
+        return parameters
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # the types are private to typer
+        """Read the arguments. Click calls this. Raises BadInput with the line that would be right, else as click does."""
+        line = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except UsageError as error:
+            parameters = self.get_params(ctx)
+            names = {name for parameter in parameters for name in parameter.opts}
+            said = error.format_message().rstrip(".")  # type: ignore[attr-defined]
+            with_value = {name for parameter in parameters if not getattr(parameter, "is_flag", False) for name in parameter.opts}
+            meant = _with_option(line, said, with_value) if "--config" in names else _without_option(line, names)
+            if meant is None:
+                raise
+            command = shlex.join(["joint-monitor", str(ctx.info_name), *meant])
+            raise BadInput(f"{ctx.info_name}: {said}; meant is perhaps: {command}") from None
 
 
 class WholeHelp(TyperGroup):
@@ -34,31 +80,7 @@ class WholeHelp(TyperGroup):
 
 
 # in the order of --help
-TOPICS = (
-    init,
-    service,
-    simulator,
-    models,
-    identification,
-    production,
-    live,
-    design,
-    bus,
-    serviced,
-    inspected,
-    assess,
-    reassess,
-    motion,
-    hand_over,
-    history,
-    query,
-    reports,
-    prior,
-    plant,
-    gateway,
-    demo,
-    trial,
-)
+TOPICS = (init, daemon, simulate, identify, design, alerts, maintenance, judge, motion, history, reports, plant, gateway)
 
 app = typer.Typer(
     name="joint-monitor",
@@ -72,13 +94,36 @@ app = typer.Typer(
 )
 for _topic in TOPICS:
     for _name, _function in _topic.COMMANDS.items():
-        app.command(name=_name, cls=CommandWithHints)(_function)
+        app.command(name=_name, cls=Command)(_function)
     for _name, _group in getattr(_topic, "GROUPS", {}).items():
         _words = typer.Typer(cls=WholeHelp, rich_markup_mode=None)
         _words.callback(invoke_without_command=True)(_group.alone)
         for _word, _function in _group.words.items():
-            _words.command(name=_word, cls=CommandWithHints)(_function)
+            _words.command(name=_word, cls=Command)(_function)
         app.add_typer(_words, name=_name)
+
+
+def _with_option(line: list[str], said: str, with_value: set[str]) -> list[str] | None:
+    """The line with --config before the file that it names; None where it names none, or has that option.
+
+    with_value : the options after which a value stands, which may be another file.
+    """
+    named = [
+        part for before, part in pairwise(["", *line]) if part.endswith(".toml") and not part.startswith("-") and before not in with_value
+    ]
+    is_this = "unexpected extra argument" in said or (said.startswith("Missing option") and "--config" in said)
+    if not named or not is_this or any(part.startswith(("-c", "--config")) for part in line):
+        return None
+    rest = [part for part in line if part != named[0]]
+    return [*rest, "--config", named[0]]
+
+
+def _without_option(line: list[str], names: set[str]) -> list[str] | None:
+    """The line of a command that takes the file as it is, without --config; None where it has none, or takes no file."""
+    given = next((part for part in line if part in {"-c", "--config"}), None)
+    if given is None or "file" not in names:
+        return None
+    return [part for part in line if part != given]
 
 
 def every_command(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:

@@ -26,6 +26,8 @@ class Group(NamedTuple):
     words: Commands
 
 
+LAWS = "{laws}"  # stands in the help of an option for the names of the friction laws: their registry imports numpy, which is slow
+EXIT_CONFIG = 78  # EX_CONFIG of sysexits.h; the unit file tells systemd not to restart after it
 FIGURES_HELP = "one figure a joint, comma-separated"
 CONFIG_VARIABLE = "JOINT_MONITOR_CONFIG"  # names the configuration where --config does not
 FOR_ALL = Path("/etc/joint-monitor")  # where the service looks for configurations, NAME.toml

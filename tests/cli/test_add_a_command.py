@@ -25,7 +25,6 @@ def section() -> str:
 
 (MODULE,) = (textwrap.dedent(block) for block in re.findall(r"^ *```python\n(.*?)^ *```", section(), re.MULTILINE | re.DOTALL))
 BEFORE = re.search(r"here after `(\w+)`", section())[1]  # the topic that stands before the new one in TOPICS
-ROOM = re.search(r"here `monitor/cli/(\w+)/`", section())[1]  # where the new module lies
 
 
 class Program:
@@ -34,7 +33,7 @@ class Program:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.main = folder / "monitor" / "cli" / "main.py"
-        self.room = self.main.parent / ROOM
+        self.room = self.main.parent
         self.config = folder / "cell.toml"
 
     def run(self, *arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -52,7 +51,7 @@ def program(tmp_path_factory) -> Program:
     shutil.copytree(ROOT / "config", made.folder / "config")
     (made.room / "outcomes.py").write_text(MODULE, "utf-8")
     text = made.main.read_text("utf-8")
-    for place, new in ((rf"^from monitor\.cli\.{ROOM} import \(?\s*", "outcomes, "), (rf"^TOPICS = \([^)]*\b{BEFORE},", " outcomes,")):
+    for place, new in ((r"^from monitor\.cli import \(?\s*", "outcomes, "), (rf"^TOPICS = \([^)]*\b{BEFORE},", " outcomes,")):
         text, edits = re.subn(place, lambda match, new=new: match[0] + new, text, count=1, flags=re.MULTILINE)
         assert edits == 1, f"main.py has no place like {place!r}"
     made.main.write_text(text, "utf-8")
@@ -77,7 +76,7 @@ def test_the_page_names_a_topic_that_exists():
 def test_the_new_command_is_in_the_help(program):
     """`--help` lists it in the place that TOPICS gives it, and its own help has its options."""
     listed = re.findall(r"^  ([a-z]+) ", program.run("--help").stdout.partition("Commands:")[2], re.MULTILINE)
-    before = list(importlib.import_module(f"monitor.cli.{ROOM}.{BEFORE}").COMMANDS)[-1]
+    before = list(importlib.import_module(f"monitor.cli.{BEFORE}").COMMANDS)[-1]
     assert listed.index("outcomes") == listed.index(before) + 1
     assert "--last" in program.run("outcomes", "--help").stdout
 

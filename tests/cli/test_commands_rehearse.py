@@ -5,7 +5,7 @@ import json
 import pytest
 from command_line import printed
 
-from monitor.cli.offline import assess as commands
+from monitor.cli import judge as commands
 from monitor.errors import BadInput
 from monitor.studies.rehearsal.worlds import verdicts
 from monitor.studies.rehearsal.worlds.table import WORLDS

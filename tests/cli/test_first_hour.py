@@ -122,7 +122,7 @@ def test_an_option_that_is_no_address_is_refused_before_anything_is_written(tmp_
 
 def test_the_next_command_for_a_service_is_one_of_its_user(tmp_path, monkeypatch):
     """What root would run there made a history that the service may not write."""
-    monkeypatch.setattr("monitor.cli.setup.next_command.FOR_ALL", tmp_path)
+    monkeypatch.setattr("monitor.cli.init.FOR_ALL", tmp_path)
     result = CliRunner().invoke(
         app, ["init", str(tmp_path / "cell-1.toml"), "--host", "-", "--model", "ur5", "--no-input", "--allow-motion"]
     )

@@ -9,8 +9,8 @@ from command_line import ended
 from simulated_arm import simulated_arm
 from typer.testing import CliRunner
 
+from monitor.cli.init import free_ports
 from monitor.cli.main import app
-from monitor.cli.setup.init import free_ports
 from monitor.config.load import load
 from monitor.errors import BadInput
 from monitor.identify.gains_from_torque import gains_from_torque
@@ -164,7 +164,7 @@ def test_a_neighbour_that_may_not_be_read_is_named_and_a_folder_that_may_not_be_
     with monkeypatch.context() as patched:
         patched.setattr(Path, "read_text", refused)
         assert free_ports(tmp_path / "a.toml") == (7447, 8420)
-    monkeypatch.setattr("monitor.cli.setup.init.os.access", lambda path, mode: False)
+    monkeypatch.setattr("monitor.cli.init.os.access", lambda path, mode: False)
     told = CliRunner().invoke(app, ["init", str(tmp_path / "a.toml"), *ON_PAPER])
     assert isinstance(told.exception, BadInput)
     assert "may not be written by this user" in str(told.exception)

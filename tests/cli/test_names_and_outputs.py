@@ -18,7 +18,7 @@ STOPPED = {"joint": None, "condition": "stopped", "tier": "advisory", "active": 
 def arms(tmp_path, monkeypatch, replayed):
     """Two configurations of the service's folder, one of which has a history, in the time zone of Berlin."""
     monkeypatch.setattr("monitor.cli.options.FOR_ALL", tmp_path)
-    monkeypatch.setattr("monitor.cli.arm.live.FOR_ALL", tmp_path)
+    monkeypatch.setattr("monitor.cli.daemon.FOR_ALL", tmp_path)
     for name in ("cell-1", "cell-2"):
         text = (
             f'[robot]\nmodel = "ur5"\nsite = "hall"\nid = "{name}"\n[schedule]\ntimezone = "Europe/Berlin"\n[store]\ndirectory = "{name}"\n'

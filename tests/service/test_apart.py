@@ -247,6 +247,6 @@ def test_what_the_service_loads_at_its_start_holds_nothing_that_a_verdict_needs(
     """In an interpreter of its own, because this one has loaded everything."""
     heavy = ("scipy.linalg", "scipy.special", "scipy.signal", "filterpy", "pinocchio", "pyarrow", "pandas", "matplotlib", "clarabel")
     heavy += ("rtde_receive", "uvicorn", "starlette", "prometheus_client", "sqlalchemy", "duckdb")
-    code = f"import sys, monitor.cli.arm.service, monitor.service.run; print([name for name in {heavy!r} if name in sys.modules])"
+    code = f"import sys, monitor.cli.daemon, monitor.service.run; print([name for name in {heavy!r} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=110)
     assert done.stdout.strip() == "[]"

@@ -160,7 +160,7 @@ def test_a_person_lets_the_arm_be_brought_back_and_the_history_keeps_who_and_why
     monkeypatch.setattr("monitor.config.load.find_excitation", lambda *_: FAR, raising=False)
     moved(configuration, *PLAYED, failed("torque_band"))
     command = ["allow", "--config", str(path), "--by", "Ada", "--why", "a cable, removed", "--way-back"]
-    monkeypatch.setattr("monitor.cli.arm.motion.load_configuration", lambda _: configuration)
+    monkeypatch.setattr("monitor.cli.motion.load_configuration", lambda _: configuration)
     for stands, code in ((AWAY + 0.5, 2), (AWAY, 0)):
         monkeypatch.setattr(UniversalRobots, "state", lambda *_, q=stands: ready_state(q=q, target_q=q))
         done = CliRunner().invoke(app, command)

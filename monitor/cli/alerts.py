@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 AlertArgument = Annotated[
     str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode; the beginning is enough: j3.")
 ]
+
 ByOption = Annotated[str, typer.Option("--by", help="Who acts: it is kept with the alert.", show_default=False)]
+
 WhyOption = Annotated[str, typer.Option("--why", help="Why: for whoever reads it later.")]
 
 LONGEST_SHELVING_DAYS = 90  # `cmd/shelve` on the bus has the same bound: an alert must come back before it is forgotten

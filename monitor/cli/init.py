@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from monitor import __version__
-from monitor.cli.options import FOR_ALL, Commands, complete_model, figures
-from monitor.cli.setup.cell import CellAnswers, cell_of
-from monitor.cli.setup.next_command import check_and_next
-from monitor.cli.setup.questions import Questions, listed, number_from, numbers, text_of
-from monitor.cli.setup.reach import reached
+from monitor.cli.init_questions import CellAnswers, Questions, cell_of, listed, number_from, numbers, reached, text_of
+from monitor.cli.options import FOR_ALL, Commands, complete_model, figures, load_configuration
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
@@ -28,6 +25,7 @@ ALLOW_MOTION = (
     "Say yes only when a motion without a person is in the cell's risk assessment, somebody holds the emergency stop at the first one, and "
     "the trajectory's way is free. You can set it later."
 )
+SERVICE_USER = "joint-monitor"  # made by deploy/joint-monitor.sysusers
 
 
 def init(
@@ -358,6 +356,48 @@ def free_ports(path: Path) -> tuple[int, int]:
         return next(port for port in range(first, first + PORTS) if f"127.0.0.1:{port}" not in taken)
 
     return free(BUS_PORT), free(PAGE_PORT)
+
+
+def check_and_next(path: Path, answers: "Answers", *, reached: bool) -> None:
+    """Run the conditions of `check`, print those that do not hold, and the one command that is next."""
+    from monitor.service.motion import check_conditions
+    from monitor.views.terminal.progress import status
+
+    configuration = load_configuration(path)
+    failed = []
+    if reached:
+        with status("checking every condition of a motion"):
+            conditions = check_conditions(configuration)
+        failed = [each for each in conditions if not each.holds]
+        for each in failed:
+            if not (answers.designed and each.name == "trajectory_clear"):
+                typer.echo(f"  {each.name}: {each.text}")
+    names = {each.name for each in failed}
+    typer.echo("")
+    if answers.designed:
+        typer.echo("next: design a trajectory for this cell, then uncomment `excitation` in the file")
+        typer.echo(f"  {answers.designed}")
+    elif "drive_gains" in names or not (answers.gains_nm_per_a or "published" in answers.gains_source):
+        typer.echo("next: record a program of yours, once without and once with a weighed mass, then `init` again with --payload-pair")
+        typer.echo(f"  joint-monitor record --config {path} --seconds 60 -o empty.parquet")
+    elif not reached or names - {"motion_allowed"}:
+        typer.echo("next: look at every condition, when the arm is reached and ready")
+        typer.echo(f"  {_command('check', path)}")
+    elif names:
+        typer.echo(f"next: only allow_motion speaks against a motion. When the arm may move, set allow_motion = true in {path}, then")
+        typer.echo(f"  {_command('run', path)} --now")
+    else:
+        typer.echo("next: the first replay, slowly first; a minute until the first verdict")
+        typer.echo(f"  {_command('run', path)} --now")
+    if path.resolve().parent == FOR_ALL:
+        typer.echo(f"and at last, as a service: systemctl enable --now joint-monitor@{path.stem}")
+
+
+def _command(name: str, path: Path) -> str:
+    """A command on the new configuration. On one of the service it is for its user: what root makes there, the service cannot write."""
+    if path.resolve().parent == FOR_ALL:
+        return f"sudo -u {SERVICE_USER} joint-monitor {name} --config {path.stem}"
+    return f"joint-monitor {name} --config {path}"
 
 
 COMMANDS: Commands = {"init": init}

@@ -1,18 +1,19 @@
-"""The commands `identify`, `base` and `energy`, which work on recordings and models without a daemon."""
+"""The command `models`, which lists the arms that the package knows."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli.offline.laws import LAWS
 from monitor.cli.options import (
+    LAWS,
     ColumnsOption,
     Commands,
     ForceOption,
     GainsOption,
     JsonOption,
     MountingOption,
+    MountingOrNoneOption,
     RobotOption,
     UrdfOption,
     figures,
@@ -29,6 +30,26 @@ if TYPE_CHECKING:
     from monitor.model.robot import Robot
     from monitor.recording import Array, Recording
     from monitor.store.identify_files import PayloadPair
+
+
+def models(as_json: JsonOption = False) -> None:
+    """List the models of arms, with what is known of each: generation, payload, torque per ampere."""
+    import numpy as np
+
+    from monitor.model.reported_gains import REPORTED_GAINS
+    from monitor.model.robot import load_robot, robot_names
+
+    rows = []
+    for name in robot_names():
+        robot = load_robot(name)
+        published = bool(np.all(np.isfinite(robot.drive_gain_nm_per_a)))
+        gains = "published" if published else "reported of one arm" if name in REPORTED_GAINS else "unknown"
+        rows.append({"model": name, "generation": robot.generation, "payload_max_kg": robot.payload_max_kg, "gains": gains})
+    if as_json:
+        print_json({"models": rows})
+        return
+    for row in rows:
+        typer.echo(f"{row['model']:<6} {row['generation']:<9} up to {row['payload_max_kg']:>4g} kg   gains {row['gains']}")
 
 
 def identify(
@@ -203,4 +224,50 @@ def energy(
         print_energy(document)
 
 
-COMMANDS: Commands = {"identify": identify, "base": base, "energy": energy}
+def listen(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings of work, of one arm.", show_default=False)],
+    rigid: Annotated[
+        Path | None, typer.Option(help="The replay before: its recording, or its identify --json.", show_default=False)
+    ] = None,
+    history: Annotated[
+        Path | None, typer.Option(help="Instead of --rigid: a daemon's state folder; its last replay is taken.", show_default=False)
+    ] = None,
+    robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    mounting: MountingOrNoneOption = None,
+    columns: ColumnsOption = None,
+    gains: GainsOption = None,
+    deviation: Annotated[
+        float, typer.Option(min=0.01, max=0.5, help="A joint is known where one σ of its friction is this fraction, or less.")
+    ] = 0.05,
+    as_json: JsonOption = False,
+) -> None:
+    """What recordings of ordinary work tell of friction, and what they cannot tell. Nothing moves."""
+    from monitor.identify.production.settings import ProductionSettings
+    from monitor.model.robot import Mounting, load_robot
+    from monitor.store import identify_files
+    from monitor.store.from_files.production_files import ListenRequest, listen_to_files
+    from monitor.views.terminal.production import print_listened
+    from monitor.views.terminal.progress import progress
+
+    arm = None if robot is None and urdf is None else identify_files.arm(robot, urdf)
+    joints = None if gains is None else len(gains.split(",")) if arm is None else arm.joints
+    request = ListenRequest(
+        files=files,
+        rigid=rigid,
+        history=history,
+        robot=arm,
+        mounting=None if mounting is None else Mounting.parse(mounting),
+        columns=columns,
+        gains=None if gains is None or joints is None else figures(gains, "--gains", joints),
+        settings=ProductionSettings(deviation=deviation),
+    )
+    with progress("listen") as show:
+        document = listen_to_files(request, load_robot, show)
+    if as_json:
+        print_json(document)
+    else:
+        print_listened(document)
+
+
+COMMANDS: Commands = {"models": models, "identify": identify, "base": base, "energy": energy, "listen": listen}

@@ -30,6 +30,7 @@ EXIT_DIFFERENT = 3  # of `assess --from-store`: a verdict came out otherwise, or
 FLEET_JOINTS = 6  # of an arm of the simulated fleet
 NOISE = 0.02  # σ of its friction from replay to replay
 WORLD_DAYS = 1095  # of an arm of a world
+INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
 
 
 def assess(
@@ -191,4 +192,91 @@ def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> N
         raise typer.Exit(EXIT_DIFFERENT)
 
 
-COMMANDS: Commands = {"assess": assess, "rehearse": rehearse}
+def reassess(
+    histories: Annotated[
+        list[Path],
+        typer.Argument(metavar="HISTORY…", help="A history's folder, a folder of such, or an arm's TOML file.", show_default=False),
+    ],
+    settings: Annotated[
+        Path | None, typer.Option(help="TOML: its keys of assessment replace those of then; else as then.", show_default=False)
+    ] = None,
+    results: Annotated[str, typer.Option(help="Folder or address (s3://…) where finished arm-months are kept and found.")] = "var/reassess",
+    scheduler: Annotated[
+        str | None, typer.Option(help="Of a Dask cluster, e.g. tcp://host:8786; else processes of this machine.", show_default=False)
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine; one a core.", show_default=False)] = None,
+    pictures: Annotated[
+        Path | None, typer.Option(help="Folder for a picture of each arm of which something else would be said.", show_default=False)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The past by today's program or other settings: which alerts come earlier, later, no more, or anew. Exit 1: one arm failed."""
+    from monitor.studies.reassess.reassess import reassess as again
+    from monitor.studies.reassess.settings import read_changes
+    from monitor.views.plots.picture import needs_drawing
+    from monitor.views.terminal.progress import count_progress
+    from monitor.views.terminal.reassess import print_reassessment
+
+    if scheduler is not None and workers is not None:
+        raise BadInput("--workers is of this machine's processes, --scheduler is of another cluster; expected one of them")
+    if pictures is not None:
+        needs_drawing("--pictures")
+        if pictures.exists() and not pictures.is_dir():
+            raise BadInput(f"--pictures {pictures}: is a file; expected a folder")
+    changes = {} if settings is None else read_changes(settings)
+    try:
+        with count_progress("reassess", "recordings") as show:
+            document = again(histories, results=results, changes=changes, scheduler=scheduler, workers=workers, show=show)
+    except KeyboardInterrupt:
+        typer.echo(f"joint-monitor: stopped; what is finished is kept in {results}: the same command goes on from there", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    drawn = []
+    if pictures is not None:
+        from monitor.views.plots.reassess import draw_arms
+
+        drawn = [str(path) for path in draw_arms(pictures, document)]
+    if as_json:
+        print_json(document | {"pictures": drawn}, indent=None)
+    else:
+        print_reassessment(document, drawn)
+    if document["failed"]:
+        raise typer.Exit(1)
+
+
+def prior(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER…", help="State folders of daemons, or a folder of such folders.", show_default=False)
+    ],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The prior (.json) for [drift] prior.", show_default=False)] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """What a fleet's histories say of a new arm of the same model: temperature law and noise of each joint. Nothing is changed in them."""
+    import json
+    import time
+
+    from monitor import __version__
+    from monitor.config.files import write_whole
+    from monitor.judge.drift.settings import DriftSettings
+    from monitor.judge.temperature.laws import TemperatureSettings
+    from monitor.publish.timestamps import rfc3339
+    from monitor.studies.fleet_prior.histories import arms_of
+    from monitor.studies.fleet_prior.learn import learn_prior
+    from monitor.views.terminal.progress import status
+    from monitor.views.terminal.studies import print_prior
+
+    refuse_overwriting(output, force)
+    with status("reading histories"):
+        arms, silent = arms_of(folders)
+    document = learn_prior(arms, DriftSettings(), TemperatureSettings())
+    document = {"made_at": rfc3339(time.time()), "software": f"joint-monitor {__version__}", **document}
+    document["learnt_from"]["left_out"] += silent
+    if output is not None:
+        write_whole(output, json.dumps(document, indent=1).encode() + b"\n", mode=0o644)
+    if as_json:
+        print_json(document)
+    else:
+        print_prior(document, output)
+
+
+COMMANDS: Commands = {"assess": assess, "rehearse": rehearse, "reassess": reassess, "prior": prior}

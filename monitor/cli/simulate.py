@@ -8,6 +8,8 @@ import typer
 from monitor.cli.options import Commands, JsonOption, MountingOrNoneOption, complete_cell, complete_model, complete_scenario, print_json
 from monitor.errors import BadInput
 
+LEAST_SPEED, MOST_SPEED = 1.0, 1_000_000.0
+
 
 def simulate(
     robot: Annotated[
@@ -168,4 +170,47 @@ def simulate_production(
     typer.echo(f"{output}: {cell} at {speed:g} %, {days * hours:g} h of work, {recording.cycles} cycles{stops}, {recording.rows} rows")
 
 
-COMMANDS: Commands = {"simulate": simulate, "simulate-production": simulate_production}
+def demo(
+    seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
+    keep: Annotated[Path | None, typer.Option(help="Keep the history in this folder.", show_default=False)] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
+    from monitor.studies.demo.ticker import Ticker
+
+    with Ticker(lambda line: typer.echo(line, err=as_json), "loading the program") as ticker:
+        from monitor.studies.demo.play import play
+
+        code = play(seed=seed, keep=keep, as_json=as_json, ticker=ticker)
+    raise typer.Exit(code)
+
+
+def try_it(
+    robot: Annotated[str, typer.Option(help="Model of the simulated arm.", autocompletion=complete_model)] = "ur5",
+    config: Annotated[
+        Path | None, typer.Option("--config", "-c", help="Try this configuration, on a simulated arm instead of its own.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="So many times as fast as life; 20000: a day in four seconds.")] = 20_000.0,
+    scenario: Annotated[
+        str, typer.Option(metavar="NAME|FILE", help="What happens in the arm's life.", autocompletion=complete_scenario)
+    ] = "try",
+    days: Annotated[float | None, typer.Option(help="End after so many days; else with Ctrl-C.", show_default=False)] = None,
+    seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
+    keep: Annotated[Path | None, typer.Option(help="Keep history and configuration in this folder.", show_default=False)] = None,
+) -> None:
+    """Months in minutes: the real daemon with page and alerts, beside a simulated arm that wears. Nothing real moves."""
+    from monitor.simulate.scenario import load_scenario
+    from monitor.studies.trial.plan import Trial
+    from monitor.studies.trial.play import play
+
+    if not LEAST_SPEED <= speed <= MOST_SPEED:
+        raise BadInput(f"--speed {speed:g}: expected {LEAST_SPEED:g} to {MOST_SPEED:g}")
+    if days is not None and not days > 0.0:
+        raise BadInput(f"--days {days:g}: expected more than 0")
+    if keep is not None and (keep / "try.toml").exists():
+        raise BadInput(f"{keep}: holds a trial already; give another folder, because time cannot begin again in its history")
+    load_scenario(scenario)  # a wrong name is said before anything starts
+    play(Trial(robot=robot, scenario=scenario, speed=speed, days=days, seed=seed, keep=keep, config=config))
+
+
+COMMANDS: Commands = {"simulate": simulate, "simulate-production": simulate_production, "demo": demo, "try": try_it}

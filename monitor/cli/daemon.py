@@ -1,6 +1,7 @@
-"""The commands `predict`, `watch` and `status`, which show the arm as it is now."""
+"""The commands of one arm's monitor as it runs: `run`, which the service manager starts, `predict`, `watch` and `status`."""
 
 import json
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,6 +10,7 @@ import typer
 from monitor.cli.options import (
     CONFIG_HELP,
     CONFIG_VARIABLE,
+    EXIT_CONFIG,
     FIGURES_HELP,
     FOR_ALL,
     Commands,
@@ -21,12 +23,43 @@ from monitor.cli.options import (
     named_configuration,
     print_json,
 )
-from monitor.errors import BadInput, MonitorError
+from monitor.errors import BadConfiguration, BadInput, MonitorError, OlderHistory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from monitor.config.schema import Configuration
+
+
+def run(
+    config: ConfigOption,
+    now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
+    only_check: Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing; for ExecReload.")] = False,
+) -> None:
+    """Run the monitor of one robot until SIGTERM.
+
+    Exit 78: the configuration is wrong, or its history is of another arm or of a version before 1.0.
+    """
+    try:
+        # systemd 252 lets the main process alone read its credentials, and not ExecReload
+        configuration = load_configuration(config, secrets_needed=not only_check)
+        if only_check:
+            typer.echo(f"{configuration.path} is right")
+            return
+        _serve(configuration, now)
+    except (BadConfiguration, OlderHistory) as error:
+        typer.echo(f"joint-monitor: {error}", err=True)
+        raise typer.Exit(EXIT_CONFIG) from None
+
+
+def _serve(configuration: "Configuration", now: bool) -> None:
+    from monitor.service.run import serve
+    from monitor.service.systemd import log_as_a_service
+
+    log_as_a_service(configuration.robot.site, configuration.robot.id)
+    for name in configuration.overrides:
+        logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
+    serve(configuration, replay_now=now)
 
 
 def predict(
@@ -153,4 +186,4 @@ def status(
         raise typer.Exit(BadInput.exit_code)
 
 
-COMMANDS: Commands = {"predict": predict, "watch": watch, "status": status}
+COMMANDS: Commands = {"run": run, "predict": predict, "watch": watch, "status": status}

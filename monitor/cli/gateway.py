@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli.arm.service import EXIT_CONFIG
-from monitor.cli.options import Commands, Group, JsonOption, print_json
-from monitor.cli.plant.file import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
+from monitor.cli.options import EXIT_CONFIG, Commands, Group, JsonOption, print_json
+from monitor.cli.plant import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
 from monitor.errors import BadConfiguration
 
 if TYPE_CHECKING:
@@ -85,5 +84,6 @@ def _serve(configuration: "GatewayConfiguration") -> None:
 
 
 WORDS: dict[str, Callable[..., None]] = {"run": run, "check": check, "status": status}
+
 COMMANDS: Commands = {}
 GROUPS = {"gateway": Group(gateway, WORDS)}

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from monitor.plant.enrol.files import Plant, Written
 
 InventoryArgument = Annotated[Path, typer.Argument(metavar="INVENTORY.csv", help="One row an arm: site, id, model, host and more.")]
+
 IntoOption = Annotated[Path, typer.Option("--into", help="The plant's folder.")]
+
 RouterOption = Annotated[list[str] | None, typer.Option(metavar="SITE=ENDPOINT", help="Router of a site, e.g. hall-1=tls/hall-1:7447.")]
+
 CoreOption = Annotated[str, typer.Option(help="Endpoint of the router between the sites.")]
 
 

@@ -1,1 +1,0 @@
-"""The commands of the plant's host: `plant …` and `gateway …`."""

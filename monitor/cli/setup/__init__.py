@@ -1,1 +1,0 @@
-"""The command `init`: the questions and answers from which a first configuration is written."""

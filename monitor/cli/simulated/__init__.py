@@ -1,1 +1,0 @@
-"""The commands with a simulated arm: `demo`, `try`, `simulate`, `simulate-production`."""
