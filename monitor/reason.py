@@ -11,8 +11,7 @@ import math
 import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from typing import Any, Union
+from typing import Any, Literal, Union
 
 JOINT_NAMES = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")  # as PolyScope shows joints 1 to 6; this table is the only one
 Parameter = Union[str, int, float, bool, None, "Reason", tuple["Parameter", ...]]
@@ -51,11 +50,11 @@ class Words:
 
     def day(self, unix_s: float) -> str:
         """A UTC day: 2026-11-21."""
-        return f"{datetime.fromtimestamp(math.floor(unix_s), UTC):%Y-%m-%d}"
+        return _moment(unix_s, "D")
 
     def time(self, unix_s: float) -> str:
         """A UTC time to the minute: 2026-11-21 03:00 UTC."""
-        return f"{datetime.fromtimestamp(math.floor(unix_s), UTC):%Y-%m-%d %H:%M} UTC"
+        return f"{_moment(unix_s, 'm').replace('T', ' ')} UTC"
 
     def say(self, reason: "Reason") -> str:
         """The whole sentence. A reason of a code that this language does not know stays in English."""
@@ -154,6 +153,13 @@ class _Filler(string.Formatter):
         if isinstance(value, int | float) and not isinstance(value, bool):
             return words.number(format(value, format_spec))
         return format(str(value), format_spec)
+
+
+def _moment(unix_s: float, unit: Literal["D", "m"]) -> str:
+    """A UTC time as ISO 8601, to the day or the minute."""
+    import numpy as np  # slow to import, and `--help` says no time
+
+    return str(np.datetime64(math.floor(unix_s), "s").astype(f"datetime64[{unit}]"))
 
 
 def _parameter(value: Any) -> Parameter:
