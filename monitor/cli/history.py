@@ -216,7 +216,7 @@ def query(
 def _sources(config: list[Path], history: list[Path], archive: str | None, endpoint: str | None) -> "list[Source]":
     """What is asked, each once. Raises BadInput where nothing is named."""
     from monitor.service.history.query import ArchiveSource, ArmSource, sources_at
-    from monitor.store.archive.settings import ArchiveSettings
+    from monitor.store.archive.places import ArchiveSettings
 
     found: dict[object, Source] = {}
     for path in config:

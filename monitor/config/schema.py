@@ -17,8 +17,7 @@ from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.session import BusSettings, MetricsSettings, prefix
 from monitor.recording import Array, Context
-from monitor.store.archive.places import BUCKET, ENDPOINT
-from monitor.store.archive.settings import FOLDER, ArchiveSettings
+from monitor.store.archive.places import BUCKET, ENDPOINT, FOLDER, ArchiveSettings
 from monitor.views.web.settings import PageSettings
 
 if TYPE_CHECKING:

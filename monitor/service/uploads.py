@@ -15,9 +15,8 @@ from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.housekeeping import going, prune
 from monitor.service.problems import Problems
 from monitor.store.archive.archive import Archive, ArchivedRecording, Copy
-from monitor.store.archive.archived import ArchivedRow, Waiting
-from monitor.store.archive.archiving import bring, changed, copies, listed
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.archived import ArchivedRow, Waiting, bring, changed, copies, listed
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError, StoreInUse
-from monitor.store.archive.archived import Archived
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.archived import Archived, Retention
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
 from monitor.store.formats.recordings import RecordingFolder
 from monitor.store.history.assessments import Assessments
@@ -26,7 +26,6 @@ from monitor.store.history.ledger import Borrows, Ledger
 from monitor.store.history.maintenance import MaintenanceLog
 from monitor.store.history.motions import FirstPasses, Motions, Stops
 from monitor.store.history.production import ProductionLog
-from monitor.store.retention import Retention
 
 RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
 HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is

@@ -44,7 +44,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.archive.archive import Copy, key_of
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import recording_of, write_recording
 from monitor.store.store import Store
 from monitor.studies.reassess.cluster import OF_WORKERS

@@ -15,7 +15,7 @@ from s3_server import Passage, S3Server, s3_server
 from test_archive import rejected
 
 from monitor.store.archive.archive import Archive
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 
 pytestmark = pytest.mark.soak

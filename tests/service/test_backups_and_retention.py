@@ -28,10 +28,10 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store import backup as module
+from monitor.store.archive.archived import LEAST_KEPT, KeptRecording, to_prune
 from monitor.store.backup import back_up, backups, fault
 from monitor.store.formats.recordings import write_recording
 from monitor.store.provenance import differences, processor_family
-from monitor.store.retention import LEAST_KEPT, KeptRecording, to_prune
 from monitor.store.store import RESTORED, Store
 
 HISTORY = "history.sqlite"

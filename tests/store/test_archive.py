@@ -27,7 +27,7 @@ from monitor.service.preflight import service_conditions
 from monitor.service.problems import Problems
 from monitor.service.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
 from monitor.store.archive.archive import Archive, RecordingCache, key_of, split_address
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.identify_files import named_recordings
 from monitor.store.store import Store

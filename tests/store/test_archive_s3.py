@@ -21,7 +21,7 @@ from monitor.service.preflight import service_conditions
 from monitor.service.uploads import IDLE_S, PROBLEM
 from monitor.store.archive import places as archive_places
 from monitor.store.archive.archive import Archive, key_of
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.from_files.archived_files import local_file
 from monitor.store.identify_files import named_recordings
 from monitor.store.store import Store
@@ -212,7 +212,7 @@ def test_a_process_killed_in_the_midst_of_an_upload_leaves_nothing_and_the_next_
     key = key_of("lab", "cell-1", NOW, 1, CONTENT)
     program = (
         "import sys; from pathlib import Path; from monitor.store.archive.archive import Archive; "
-        "from monitor.store.archive.settings import ArchiveSettings; "
+        "from monitor.store.archive.places import ArchiveSettings; "
         f"Archive.open(ArchiveSettings(**{replace(settings, endpoint=passage.endpoint).as_document()!r}))"
         f".put(Path({str(tmp_path / 'content')!r}).read_bytes(), {key!r})"
     )

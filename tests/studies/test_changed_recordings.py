@@ -13,7 +13,7 @@ from s3_server import s3_server
 from test_reassess import BEGAN_S, DAY_S, lived, scheduler  # noqa: F401 - fixtures
 
 from monitor.store.archive.archive import Archive, key_of
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 
 if find_spec("distributed") is None:

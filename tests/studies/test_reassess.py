@@ -27,7 +27,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.archive.archive import Archive, key_of
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import write_recording
 from monitor.store.provenance import provenance
 from monitor.store.store import Store

@@ -20,7 +20,7 @@ from s3_server import KEYS, S3Server, s3_server
 from test_reassess import BEGAN_S, DAY_S, lived  # noqa: F401 - a fixture
 
 from monitor.store.archive.archive import Archive, key_of
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.store import Store
 

@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 
 from monitor.errors import BadInput, StoreError
 from monitor.store.archive.archive import Archive, ArchivedRecording, RecordingCache, split_address
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY, connected
 from monitor.store.store import Store
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, BadInput
-from monitor.store.archive.places import Place, open_place
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings, Place, open_place
 
 DIGITS = 16  # of the SHA-256 in a name: two recordings of one replay and one second that share them do not occur
 CACHE_BYTES = 2_000_000_000  # of fetched recordings on this machine

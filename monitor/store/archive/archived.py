@@ -1,17 +1,26 @@
-"""Which recordings of a history the archive has, and which wait for it. I/O."""
+"""The recordings of one history: which are here, which the archive has, which wait for it, and which are pruned. I/O.
+
+The oldest recordings are pruned by age and by total size. One that waits for its assessment and the last few stay; with an archive, only
+what that has is pruned. `bring`, `listed`, `changed` and `copies` run in a process of their own: a daemon need not hold the archive's
+libraries.
+"""
 
 import hashlib
 import json
+from collections.abc import Collection, Generator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from monitor.errors import ArchiveConflict, StoreError
-from monitor.store.archive.archive import DIGITS, Copy, RecordingCache
-from monitor.store.archive.settings import ArchiveSettings
-from monitor.store.formats.recordings import RecordingFolder
+from monitor.recording import DAY_S
+from monitor.store.archive.archive import DIGITS, Archive, ArchivedRecording, Copy, RecordingCache, key_of, split_address
+from monitor.store.archive.places import ArchiveSettings
+from monitor.store.formats.recordings import RecordingFolder, recorded_at_unix_s
 from monitor.store.history.database import Database, Notes
+from monitor.store.history.ledger import Ledger
 
 PLACE = "archive"  # name of the note with the archive's settings: whoever has the history finds its recordings
+LEAST_KEPT = 10  # recordings that stay whatever the limits: a person who searches for a cause needs some
 _WAITING = (
     "FROM ledger LEFT JOIN archived ON ledger_id = id "
     "WHERE state IN ('assessed', 'rejected') AND recording IS NOT NULL AND removed_at_unix_s IS NULL AND ledger_id IS NULL"
@@ -136,6 +145,124 @@ class Archived:
         if row is None or settings is None:
             return local
         return RecordingCache().fetched(settings, row.address, row.sha256)
+
+
+class KeptRecording(NamedTuple):
+    """A recording on disk that may be pruned."""
+
+    ledger_id: int
+    path: Path
+    at_unix_s: float
+    size: int  # bytes
+
+
+def to_prune(kept: list[KeptRecording], *, days: float, most_bytes: float, now_unix_s: float) -> list[KeptRecording]:
+    """The recordings beyond the limits, oldest first; 0 is no limit. kept : recordings with an outcome, oldest first."""
+    may_go = kept[: max(0, len(kept) - LEAST_KEPT)]
+    total = sum(each.size for each in kept)
+    going = []
+    for each in may_go:
+        old = days > 0 and now_unix_s - each.at_unix_s > days * DAY_S
+        if not old and not (most_bytes > 0 and total > most_bytes):
+            continue
+        going.append(each)
+        total -= each.size
+    return going
+
+
+class Retention:
+    """Removes recordings beyond the configured limits."""
+
+    def __init__(self, ledger: Ledger, recordings: RecordingFolder) -> None:
+        self._ledger = ledger
+        self._recordings = recordings
+
+    def prune(
+        self, *, days: float, most_bytes: float, at_unix_s: float, among: Collection[int] | None = None, but: Collection[int] = ()
+    ) -> list[str]:
+        """Remove the recordings beyond these limits (0: no limit), and note it with their windows. Returns the removed files' names.
+
+        among : the windows whose recordings the archive has; all others stay, whatever the limits. but : windows whose recordings stay.
+        Raises StoreError where one cannot be removed.
+        """
+        going = self.going(days=days, most_bytes=most_bytes, at_unix_s=at_unix_s, among=among, but=but)
+        for each in going:
+            try:
+                each.path.unlink(missing_ok=True)
+                if among is None:  # the archive has no first passes
+                    self._recordings.first_pass_path(each.ledger_id).unlink(missing_ok=True)
+            except OSError as error:
+                raise StoreError(f"{each.path}: cannot be removed: {error.strerror}") from None
+            self._ledger.mark_removed(each.ledger_id, at_unix_s)
+        return [each.path.name for each in going]
+
+    def going(
+        self, *, days: float, most_bytes: float, at_unix_s: float, among: Collection[int] | None = None, but: Collection[int] = ()
+    ) -> list[KeptRecording]:
+        """The recordings that `prune` would remove, oldest first; those that somebody else has removed are noted."""
+        kept = []
+        for row in self._ledger.rows(states=("assessed", "rejected")):
+            if row.recording is None or row.removed_at_unix_s is not None:
+                continue
+            path = self._recordings.directory / row.recording
+            try:
+                kept.append(KeptRecording(row.id, path, row.started_at_unix_s, path.stat().st_size))
+            except FileNotFoundError:
+                self._ledger.mark_removed(row.id, at_unix_s)  # a person removed it, or a crash came between removing and noting
+        going = to_prune(kept, days=days, most_bytes=most_bytes, now_unix_s=at_unix_s)
+        return [each for each in going if each.ledger_id not in but and (among is None or each.ledger_id in among)]
+
+
+def bring(
+    settings: ArchiveSettings, site: str, robot: str, waiting: Sequence[Waiting]
+) -> Generator[tuple[int, Copy | str | None], None, None]:
+    """Bring recordings, in order: the window of each, and its copy; a text where another content has its name; None where it has no file.
+
+    Raises ArchiveUnavailable, ArchiveRefused, and StoreError where a local file cannot be read.
+    """
+    archive = Archive.open(settings)
+    for each in waiting:
+        try:
+            content = each.path.read_bytes()
+        except FileNotFoundError:  # a person removed it; retention notes that
+            yield each.ledger_id, None
+            continue
+        except OSError as error:
+            raise StoreError(f"{each.path}: cannot be read for the archive: {error.strerror}") from None
+        at = recorded_at_unix_s(content)
+        key = key_of(site, robot, each.window_unix_s if at is None else at, each.ledger_id, content)
+        try:
+            yield each.ledger_id, archive.put(content, key)
+        except ArchiveConflict as conflict:
+            yield each.ledger_id, str(conflict)
+
+
+def listed(settings: ArchiveSettings, arms: Sequence[tuple[str, str]]) -> dict[str, ArchivedRecording]:
+    """Every recording of some arms, (site, robot), by its address. Raises ArchiveUnavailable, ArchiveRefused."""
+    archive = Archive.open(settings)
+    return {archive.address(each.key): each for site, robot in arms for each in archive.recordings(site, robot)}
+
+
+def changed(settings: ArchiveSettings, rows: Sequence[ArchivedRow]) -> Generator[tuple[int, str | None], None, None]:
+    """Read recordings back, in order: the window of each, and what is wrong with its content, or None. Raises as `listed`."""
+    archive = Archive.open(settings)
+    for row in rows:
+        try:
+            archive.read(split_address(row.address)[1], row.sha256)
+            yield row.ledger_id, None
+        except ArchiveConflict as conflict:
+            yield row.ledger_id, str(conflict)
+
+
+def copies(settings: ArchiveSettings, there: Sequence[tuple[int, ArchivedRecording]]) -> Generator[tuple[int, Copy | str], None, None]:
+    """Read recordings of windows that forgot them: the copy that each is, or what is wrong with it. Raises as `listed`."""
+    archive = Archive.open(settings)
+    for ledger_id, each in there:
+        try:
+            content = archive.read(each.key, each.digest)
+            yield ledger_id, Copy(archive.address(each.key), hashlib.sha256(content).hexdigest(), len(content), was_there=True)
+        except ArchiveConflict as conflict:
+            yield ledger_id, str(conflict)
 
 
 def _compared(local: Path, row: ArchivedRow) -> bool:

@@ -1,20 +1,22 @@
-"""Where an archive can be: a folder, or a bucket of an S3 server. What a server answers becomes a sentence with the remedy. I/O."""
+"""Where an archive is, and who we are there: a folder or an S3 bucket. What a server answers becomes a sentence with the remedy. I/O."""
 
+import configparser
 import errno
 import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 from urllib.parse import urlsplit
 
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, BadInput
-from monitor.store.archive.settings import ArchiveSettings, keys_of
 
 Found = TypeVar("Found")
 
+FOLDER = "${CREDENTIALS_DIRECTORY}"  # the service manager's folder of secrets
 CONNECT_S = 5.0  # [s] a server of the same plant answers in milliseconds
 SILENT_S = 10.0  # [s] a transfer that stands still for longer is given up
 ATTEMPTS = 2  # within one call; whoever calls tries again later
@@ -58,6 +60,66 @@ NO_CONNECTION = {  # curl's number → the same, where no answer came
     77: "the file [store] recordings_ca_file cannot be read",
 }
 PERSON_NEEDED = {35, 51, 60, 77}  # waiting does not change these
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArchiveSettings:
+    """Where the archive is. It holds no key: keys are read where they are used."""
+
+    address: str  # s3://BUCKET/PREFIX, or the absolute path of a folder
+    endpoint: str = ""  # of another server than Amazon's, e.g. https://minio.example:9000; empty: $AWS_ENDPOINT_URL, else Amazon's
+    region: str = ""  # empty: $AWS_REGION, else us-east-1
+    keys_file: str = ""  # as ~/.aws/credentials; may begin with ${CREDENTIALS_DIRECTORY}; empty: the environment's, or ~/.aws
+    ca_file: str = ""  # PEM of the authority that signed the server's certificate; empty: those of the system
+
+    def as_document(self) -> dict[str, str]:
+        """As a history keeps it."""
+        return asdict(self)
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any]) -> "ArchiveSettings":
+        """As a history has kept it; what a later version has added is left out."""
+        known = {each.name for each in fields(cls)}
+        return cls(**{name: str(value) for name, value in document.items() if name in known})
+
+
+class Keys(NamedTuple):
+    """The keys to a server. Nothing prints them."""
+
+    access: str
+    secret: str
+    token: str | None
+
+    def __repr__(self) -> str:
+        return "Keys(…)"
+
+
+def keys_of(settings: ArchiveSettings) -> Keys | None:
+    """The keys of the file; None where the environment or ~/.aws has them.
+
+    A command that a person calls has no folder of secrets, and takes the person's own keys. Raises ArchiveRefused where the file has none.
+    """
+    path = settings.keys_file
+    if path.startswith(FOLDER):
+        if not (folder := os.environ.get("CREDENTIALS_DIRECTORY")):
+            return None
+        path = path.replace(FOLDER, folder)
+    if not path:
+        return None
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        with open(path, encoding="utf-8") as file:
+            parser.read_string(file.read())
+        section = parser["default" if parser.has_section("default") else next(iter(parser.sections()))]
+        return Keys(section["aws_access_key_id"], section["aws_secret_access_key"], section.get("aws_session_token"))
+    except OSError as wrong:
+        if "AWS_ACCESS_KEY_ID" in os.environ:
+            return None
+        raise ArchiveRefused(f"{path}: the keys of the archive cannot be read: {wrong.strerror}") from None
+    except (configparser.Error, UnicodeDecodeError, KeyError, StopIteration):  # whose text may repeat a key
+        raise ArchiveRefused(
+            f"{path}: holds no keys; expected three lines: [default], aws_access_key_id = …, aws_secret_access_key = …"
+        ) from None
 
 
 class Place(Protocol):

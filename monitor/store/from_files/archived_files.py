@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from monitor.store.archive.archive import RecordingCache, split_address
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY
 from monitor.store.store import Store
 

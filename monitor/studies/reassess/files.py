@@ -10,7 +10,7 @@ from pathlib import Path
 
 from monitor.errors import ArchiveConflict, ArchiveUnavailable, BadInput, StoreError
 from monitor.store.archive.archive import Archive, split_address
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings
 from monitor.studies.reassess.plan import Month, Stored
 
 MOST_HELD = 64_000_000  # [byte] of recordings that are held from their digest to their identification; beyond it, a file is read again

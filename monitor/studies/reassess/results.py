@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, BadInput, StoreError
-from monitor.store.archive.places import open_place
-from monitor.store.archive.settings import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings, open_place
 
 Found = TypeVar("Found")
 
