@@ -147,8 +147,8 @@ def rehearse(
 
 def _rehearse_world(config: Path, name: str, *, arms: int, seed: int, as_json: bool) -> None:
     """Play one world with the thresholds of a configuration. Raises BadInput with the list of worlds for an unknown name."""
-    from monitor.studies.rehearsal.worlds.table import WORLDS
-    from monitor.studies.rehearsal.worlds.verdicts import play_world
+    from monitor.studies.worlds.table import WORLDS
+    from monitor.studies.worlds.verdicts import play_world
     from monitor.views.terminal.progress import status as status_line
     from monitor.views.terminal.studies import print_world
 

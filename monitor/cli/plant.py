@@ -232,8 +232,7 @@ def simulate_plant(
     import time
 
     from monitor.recording import DAY_S
-    from monitor.studies.plant.bus import PlantOnBus, SimulatedPlant
-    from monitor.studies.plant.lives import Lives
+    from monitor.studies.plant import Lives, PlantOnBus, SimulatedPlant
 
     routers = tuple(router or ()) or (() if connect else ("tcp/127.0.0.1:7447",))
     settings = SimulatedPlant(arms=arms, sites=sites, days=days, speed=speed, seed=seed, connect=tuple(connect or ()), routers=routers)

@@ -14,12 +14,11 @@ from typing import Any
 from monitor.judge.assess import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.figures import Share, at_least_one
-from monitor.studies.rehearsal.detection import LATEST_ONSET, Kind, detected
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
-from monitor.studies.rehearsal.rehearse import rehearse
-from monitor.studies.rehearsal.worlds.card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
-from monitor.studies.torque_study import study_arm, summary, surrogate
+from monitor.studies.rehearsal.rehearse import LATEST_ONSET, Kind, detected, rehearse
+from tests.evidence.worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
+from tests.evidence.torque import study_arm, summary, surrogate
 
 TARGET = Path("docs/validation.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"

@@ -8,8 +8,7 @@ import threading
 import time
 
 from monitor.recording import DAY_S
-from monitor.studies.plant.bus import PlantOnBus, SimulatedPlant
-from monitor.studies.plant.lives import Lives
+from monitor.studies.plant import Lives, PlantOnBus, SimulatedPlant
 
 
 def main(arms: int, days: int, routers: tuple[str, ...]) -> None:

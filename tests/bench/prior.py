@@ -21,7 +21,7 @@ from monitor.judge.drift.prior import FleetPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import JointNoise, joint_noise, likelihood_ratios, thresholds
 from monitor.recording import Array
-from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
+from monitor.studies.fleet_prior import LearntArm, learn_prior
 from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, judged_days
 from tests.synthetic_arm import of_arm

@@ -47,10 +47,9 @@ from monitor.store.archive.archive import Copy, key_of
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import recording_of, write_recording
 from monitor.store.store import Store
-from monitor.studies.reassess.cluster import OF_WORKERS
-from monitor.studies.reassess.memory import keep_memory
+from monitor.studies.reassess.cluster import OF_WORKERS, warm_up
+from monitor.studies.reassess.identify_month import keep_memory
 from monitor.studies.reassess.reassess import reassess
-from monitor.studies.reassess.warm_up import warm_up
 
 PLANT = 1_830_000  # recordings of 1250 arms in a year, four a day
 ALONE = 30  # recordings that each process identifies, to see what the machine gains by its second core

@@ -7,9 +7,9 @@ from command_line import printed
 
 from monitor.cli import judge as commands
 from monitor.errors import BadInput
-from monitor.studies.rehearsal.worlds import verdicts
-from monitor.studies.rehearsal.worlds.table import WORLDS
-from monitor.studies.rehearsal.worlds.verdicts import play_world
+from monitor.studies.worlds import verdicts
+from monitor.studies.worlds.table import WORLDS
+from monitor.studies.worlds.verdicts import play_world
 
 CONFIG = ("rehearse", "--config", "config/monitor.toml")
 

@@ -34,7 +34,7 @@ from monitor.plant import run as plant_run
 from monitor.plant.settings import load_plant
 from monitor.publish.session import session_config
 from monitor.publish.timestamps import rfc3339
-from monitor.studies.plant.bus import PlantOnBus, SimulatedPlant
+from monitor.studies.plant import PlantOnBus, SimulatedPlant
 
 ADDRESS = "127.28.7.1"  # nobody else's: while a server is away no other program gets its port
 ROUTER, MAIL, ORDERS = 7447, 2525, 8080

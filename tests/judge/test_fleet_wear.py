@@ -22,11 +22,10 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import JointNoise, thresholds
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.service.history.recompute import settings_from_document
-from monitor.studies.fleet_prior.learn import LearntArm, learn_prior
-from monitor.studies.fleet_prior.wear import Joint, learn_wear, rising
+from monitor.studies.fleet_prior import Joint, LearntArm, learn_prior, learn_wear, rising
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE, play
-from monitor.studies.rehearsal.remaining_life import answers_of, wear_along
+from monitor.studies.rehearsal.rehearse import answers_of, wear_along
 
 pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
 

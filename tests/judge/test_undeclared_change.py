@@ -34,7 +34,7 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.studies.rehearsal.worlds.weights import STD
+from monitor.studies.worlds.laws import STD
 
 UR5 = load_robot("ur5")
 LIMITS = HealthSettings()

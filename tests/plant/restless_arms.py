@@ -14,8 +14,7 @@ import time
 from pathlib import Path
 
 from monitor.recording import DAY_S
-from monitor.studies.plant.bus import PlantOnBus, SimulatedPlant
-from monitor.studies.plant.lives import Lives, Transition
+from monitor.studies.plant import Lives, PlantOnBus, SimulatedPlant, Transition
 
 BEFORE_NOW_DAYS = 400  # the simulated days end before the present one, however long it lasts
 KINDS, TIERS = ("raised", "updated", "acknowledged", "shelved", "cleared"), ("advisory", "wear")

@@ -16,8 +16,7 @@ from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING, add_audit, keep_last_values, known, set_note
 from monitor.plant.pull import pull
 from monitor.plant.tables import audit
-from monitor.studies.plant.bus import PlantOnBus
-from monitor.studies.plant.lives import Lives
+from monitor.studies.plant import Lives, PlantOnBus
 
 BEGIN_UNIX_S = 1_767_571_200.0
 NAME = ("joint-monitor/v1/lab/cell-1", "lab", "cell-1")

@@ -28,8 +28,7 @@ from monitor.service.daemon import Daemon
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
 from monitor.store.store import Store
-from monitor.studies.plant.bus import PlantOnBus, SimulatedPlant
-from monitor.studies.plant.lives import Lives, Transition
+from monitor.studies.plant import Lives, PlantOnBus, SimulatedPlant, Transition
 
 ARMS = 6
 

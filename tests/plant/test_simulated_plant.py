@@ -11,8 +11,7 @@ from test_backup import Answers
 from monitor.errors import BadInput
 from monitor.publish.documents import Answer, Event, Events, Health, History
 from monitor.publish.registry import schema
-from monitor.studies.plant.bus import SimulatedPlant
-from monitor.studies.plant.lives import Lives
+from monitor.studies.plant import Lives, SimulatedPlant
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.from_files.series import Entry, Series, assess_series, dated, interval_s, manifest
-from monitor.studies.rehearsal import detection
+from monitor.studies.rehearsal import rehearse as detection
 from monitor.studies.rehearsal import rehearse as rehearsal
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS

@@ -12,11 +12,10 @@ from types import SimpleNamespace
 import pytest
 
 from monitor.errors import ReplayAborted, RobotUnreachable
-from monitor.studies.demo import replays, ticker
-from monitor.studies.demo.plan import DAYS, DemoState
-from monitor.studies.demo.summary import Summary
-from monitor.studies.demo.ticker import Ticker
-from monitor.studies.demo.world import demo_configuration
+from monitor.studies.demo import display as ticker
+from monitor.studies.demo import world as replays
+from monitor.studies.demo.display import Summary, Ticker
+from monitor.studies.demo.world import DAYS, DemoState, demo_configuration
 
 LONGEST_SILENCE_S = 5.0
 

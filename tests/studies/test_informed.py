@@ -7,12 +7,12 @@ import pytest
 import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.evidence.worlds_card import NOISE_KNOWN, noise_known_documents
 
-from monitor.studies.rehearsal.worlds import informed
-from monitor.studies.rehearsal.worlds.card import NOISE_KNOWN, noise_known_documents
-from monitor.studies.rehearsal.worlds.informed import BEFORE, Seen, all_evidence, evidence, informed_documents, known_noise
-from monitor.studies.rehearsal.worlds.table import WORLDS
-from monitor.studies.rehearsal.worlds.verdicts import fleets_of
+from monitor.studies.worlds.table import WORLDS
+from monitor.studies.worlds.verdicts import fleets_of
+from tests.evidence import informed
+from tests.evidence.informed import BEFORE, Seen, all_evidence, evidence, informed_documents, known_noise
 
 REACHED = st.floats(-3.0, 3.0)
 

@@ -6,10 +6,8 @@ import pytest
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
-from monitor.studies.rehearsal.in_production import DAILY_UNTIL, Plan, ProductionSettings, played
-from monitor.studies.rehearsal.needs import Needs
 from monitor.studies.rehearsal.play import COMPARABLE
-from monitor.studies.rehearsal.production_plans import PLANS, row
+from tests.evidence.production import DAILY_UNTIL, PLANS, Needs, Plan, ProductionSettings, played, row
 
 SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, untold_days=7.0, at_most_days=30.0)
 ALL, NONE, FIRST = np.ones((1, 2), dtype=bool), np.zeros((1, 2), dtype=bool), np.array([[True, False]])

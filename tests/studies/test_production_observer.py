@@ -6,9 +6,9 @@ import pytest
 from monitor.judge.assess import AssessSettings
 from monitor.studies.figures import DAYS_A_YEAR
 from monitor.studies.rehearsal.fleet import FleetSettings
-from monitor.studies.rehearsal.in_production import Plan, ProductionSettings, observed_days
 from monitor.studies.rehearsal.play import COMPARABLE
-from monitor.studies.rehearsal.production_observer import (
+from tests.evidence.production import Plan, ProductionSettings, observed_days
+from tests.evidence.production_observer import (
     EVERY_DAYS,
     KnownFleet,
     Seen,

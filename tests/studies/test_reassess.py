@@ -32,16 +32,20 @@ from monitor.store.formats.recordings import write_recording
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
 from monitor.studies.reassess.cluster import SchedulerLost
-from monitor.studies.reassess.compare import Said, changed_alerts, counts, episodes
-from monitor.studies.reassess.files import Files, ReadAhead
-from monitor.studies.reassess.identified import from_bytes, to_bytes
-from monitor.studies.reassess.identify_month import KIND, identify_month
-from monitor.studies.reassess.judge_arm import judge_arm
-from monitor.studies.reassess.plan import Arm, Month, Stored, arm_of, histories
-from monitor.studies.reassess.program import IDENTIFIES, JUDGES, address_of, program
-from monitor.studies.reassess.results import Results
-from monitor.studies.reassess.run import Reassessment
-from monitor.studies.reassess.settings import read_changes
+from monitor.studies.reassess.identify_month import (
+    IDENTIFIES,
+    JUDGES,
+    KIND,
+    Results,
+    address_of,
+    from_bytes,
+    identify_month,
+    program,
+    to_bytes,
+)
+from monitor.studies.reassess.judge_arm import Said, changed_alerts, counts, episodes, judge_arm
+from monitor.studies.reassess.plan import Arm, Files, Month, ReadAhead, Stored, arm_of, histories, read_changes
+from monitor.studies.reassess.reassess import Reassessment
 
 if find_spec("distributed") is None:  # it is imported by the tests themselves: every worker of the suite reads this module
     pytest.skip("dask is absent: pip install 'joint-monitor[archive]'", allow_module_level=True)
@@ -266,7 +270,9 @@ def test_a_result_of_another_number_of_threads_is_another_result(monkeypatch):
     """Its last digits are others: a cluster with several threads leaves nothing that a call with one thread would find."""
     found = set()
     for threads in ("1", "2"):
-        monkeypatch.setattr("monitor.studies.reassess.program.provenance", lambda threads=threads: {**provenance(), "threads": threads})
+        monkeypatch.setattr(
+            "monitor.studies.reassess.identify_month.provenance", lambda threads=threads: {**provenance(), "threads": threads}
+        )
         found |= {address_of(program.__wrapped__(parts)) for parts in (IDENTIFIES, JUDGES)}
     assert len(found) == 4
 
@@ -392,8 +398,8 @@ def test_a_cluster_that_loses_every_worker_is_not_waited_for(lived: Path, tmp_pa
     """Nobody would ever know: the command ends, and says what is kept."""
     import distributed
 
-    monkeypatch.setattr("monitor.studies.reassess.run.LOOK_S", 0.05)
-    monkeypatch.setattr("monitor.studies.reassess.run.ALONE_S", 0.2)
+    monkeypatch.setattr("monitor.studies.reassess.reassess.LOOK_S", 0.05)
+    monkeypatch.setattr("monitor.studies.reassess.reassess.ALONE_S", 0.2)
     options = {"n_workers": 0, "processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(host="127.0.0.1", **options) as cluster, distributed.Client(cluster, set_as_default=False) as client:
         again = Reassessment(client, str(tmp_path), {}, lambda *_: None)

@@ -9,8 +9,8 @@ import pytest
 
 from monitor.judge.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
-from monitor.studies import torque_study as torque
-from monitor.studies.torque_study import TorqueErrors, study_arm, summary, surrogate
+from tests.evidence import torque
+from tests.evidence.torque import TorqueErrors, study_arm, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
 BLANK = TorqueErrors(  # of two joints, one test, no replay

@@ -10,8 +10,7 @@ from command_line import ended
 from prepared import run
 
 from monitor.config.load import load
-from monitor.studies.trial.clock import TrialClock
-from monitor.studies.trial.world import TrialArm, trial_file
+from monitor.studies.trial import TrialArm, TrialClock, trial_file
 
 pytestmark = pytest.mark.timeout(300)  # seconds on an idle machine; the physics of a UR5e runs at 500 Hz
 

@@ -7,30 +7,37 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.evidence.worlds_card import WORLDS_HEAD, arms_of, worlds_section
 
 from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.judge.assess import AssessSettings
 from monitor.studies.performance_card import END, with_worlds
 from monitor.studies.rehearsal.play import judged_days
-from monitor.studies.rehearsal.worlds.card import WORLDS_HEAD, arms_of, worlds_section
-from monitor.studies.rehearsal.worlds.change import (
+from monitor.studies.worlds.fleet import WorldFleet
+from monitor.studies.worlds.laws import (
+    REFERENCE_RAD_S,
     BadDays,
+    Correlated,
+    Friction,
+    Heat,
     LevelJumps,
+    Modulated,
     Payload,
+    PowerLaw,
     RunningIn,
     Sawtooth,
     SensorShift,
     Telegraph,
     Wandering,
     Yearly,
+    exponential,
+    power,
+    seasonal_std,
+    straight,
+    swelling_std,
 )
-from monitor.studies.rehearsal.worlds.fleet import WorldFleet
-from monitor.studies.rehearsal.worlds.lives import LifeAnswer, life_documents
-from monitor.studies.rehearsal.worlds.noise import Correlated, Modulated, PowerLaw, seasonal_std, swelling_std
-from monitor.studies.rehearsal.worlds.physics import REFERENCE_RAD_S, Friction, Heat
-from monitor.studies.rehearsal.worlds.table import WORLDS
-from monitor.studies.rehearsal.worlds.verdicts import Episodes, judge_world, play_world, world_document, world_line
-from monitor.studies.rehearsal.worlds.wear import exponential, power, straight
+from monitor.studies.worlds.table import WORLDS
+from monitor.studies.worlds.verdicts import Episodes, LifeAnswer, judge_world, life_documents, play_world, world_document, world_line
 
 pytestmark = pytest.mark.xdist_group("worlds")  # one worker judges each world once
 

@@ -25,15 +25,14 @@ from monitor.service.live import LiveFeed
 from monitor.service.page import page
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
-from monitor.studies.demo.bus import Received, query_torque, receive
-from monitor.studies.demo.plan import DAYS, LIVE_DAYS, DemoState
-from monitor.studies.demo.replays import DemoReplay
-from monitor.studies.demo.screen import Screen
-from monitor.studies.demo.summary import Summary, busy_text
-from monitor.studies.demo.ticker import Ticker
+from monitor.studies.demo.display import Received, Screen, Summary, Ticker, busy_text, query_torque, receive
 from monitor.studies.demo.world import (
+    DAYS,
+    LIVE_DAYS,
     ROBOT_ID,
     SITE,
+    DemoReplay,
+    DemoState,
     demo_configuration,
     free_host,
     free_port,

@@ -8,7 +8,7 @@ import numpy as np
 from monitor.studies.paper import figures
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign
-from monitor.studies.paper.section import ORDER, Check, Rows, Section
+from monitor.studies.paper.figures import ORDER, Check, Rows, Section
 
 NEAR = 5e-4  # largest difference of a coefficient: the paper prints three decimals
 REST = 1e-6  # largest speed [rad/s] and acceleration [rad/s²] at rest: a trajectory's file has twelve decimals

@@ -6,7 +6,7 @@ from monitor.recording import Array
 from monitor.studies.paper import figures
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign
-from monitor.studies.paper.section import ORDER, Check, Rows, Section, r_squared, span
+from monitor.studies.paper.figures import ORDER, Check, Rows, Section, r_squared, span
 
 LEAST_FALL = 0.02  # of fv over the warm-up, as a fraction; less is noise
 # maximum joint torque [N·m] → size of the joint, by robot

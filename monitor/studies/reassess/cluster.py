@@ -1,5 +1,6 @@
-"""The processes that compute: a Dask cluster of this machine, or one that others have started. I/O."""
+"""What a worker does once, before its first task."""
 
+import importlib
 import importlib.util
 import logging
 import os
@@ -12,12 +13,22 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.errors import BadInput, MonitorError
 from monitor.store.provenance import differences, provenance
-from monitor.studies.reassess.program import JUDGES, program, worker_facts
-from monitor.studies.reassess.results import Results
-from monitor.studies.reassess.warm_up import warm_up
+from monitor.studies.reassess.identify_month import JUDGES, Results, program, worker_facts
 
 if TYPE_CHECKING:
     from distributed import Client
+
+# loaded where they are used, because most commands never need them: a second of the processor
+USED = ("filterpy.kalman", "pandas", "pyarrow.fs", "pyarrow.parquet", "scipy.optimize", "scipy.signal")
+
+
+def warm_up() -> None:
+    """Load what the first task would load, in all workers at once."""
+    for name in USED:
+        importlib.import_module(name)
+
+
+# --- The processes that compute: a Dask cluster of this machine, or one that others have started. I/O ---
 
 CONNECT_S = 15.0  # a scheduler that has not answered by then is not there
 # Dask looks at itself fifty times a second, and at the stacks and the memory of its workers: a twentieth of a core, for pages that nobody

@@ -1,25 +1,340 @@
-"""The task of one arm-month: its recordings are read and identified, and what a verdict needs of them is kept. I/O, on a worker."""
+"""The memory of a worker: what one recording has used is kept for the next one."""
 
-from dataclasses import replace
+import ctypes
+import hashlib
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import pyarrow as pa
 
-from monitor.errors import ArchiveConflict, ArchiveLost, BadInput, Unidentifiable
+import monitor
+from monitor import __version__
+from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, ArchiveUnavailable, BadInput, StoreError, Unidentifiable
+from monitor.identify.identification import Identification, ResidualFrictionFit
+from monitor.identify.signals.ripple import Ripple
+from monitor.identify.warnings import DataWarning
 from monitor.judge.assess import AssessSettings, identified
+from monitor.judge.document import typed
+from monitor.model.base import base_parameters
+from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot
-from monitor.recording import Recording
+from monitor.recording import Array, Context, Recording
 from monitor.service.history.assess_and_store import robot_digest
 from monitor.service.history.recompute import settings_from_document
+from monitor.store.archive.places import open_place
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.formats.recordings import RecordingFolder, recording_of
-from monitor.studies.reassess.cost import Cost, Meter
-from monitor.studies.reassess.files import Files, ReadAhead
-from monitor.studies.reassess.identified import CHANGED, GONE, IDENTIFIED, REFUSED, UNIDENTIFIABLE, IdentifiedReplay, to_bytes
-from monitor.studies.reassess.memory import keep_memory
-from monitor.studies.reassess.plan import Month, Stored
-from monitor.studies.reassess.program import IDENTIFIES, address_of, program
-from monitor.studies.reassess.results import Results
+from monitor.store.provenance import provenance
+from monitor.studies.reassess.plan import Files, Month, ReadAhead, Stored
+
+KEEP_BYTES = 512 * 1024 * 1024  # at the top of the heap; more goes back to the system
+MAPPED_BYTES = 64 * 1024 * 1024  # arrays up to this size come from the heap: those of a recording are 2 to 30 MB
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of the GNU C library
+
+
+@cache
+def keep_memory() -> bool:
+    """Let the C library keep freed memory of this process; whether it was told so.
+
+    Dask starts workers with MALLOC_TRIM_THRESHOLD_=65536, by which each array of a recording is given back and asked for again: the
+    kernel then clears a million pages a minute, which takes as long as four fifths of the identification itself.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):  # another C library
+        return False
+    return bool(mallopt(M_MMAP_THRESHOLD, MAPPED_BYTES)) and bool(mallopt(M_TRIM_THRESHOLD, KEEP_BYTES))
+
+
+# --- The program that makes a result: its version, the text of its modules, the packages. A result of another program is another result ---
+
+# what decides an identification, and what decides a verdict besides: another text of one of them makes another result
+IDENTIFIES = (
+    "recording.py", "errors.py", "identify", "model", "judge/assess.py", "store/formats/columns.py", "store/formats/recordings.py",
+    "studies/reassess/identified.py", "studies/reassess/identify_month.py",
+)  # fmt: skip
+JUDGES = (*IDENTIFIES, "judge", "service/history", "studies/reassess")
+
+
+@cache
+def program(parts: tuple[str, ...]) -> dict[str, Any]:
+    """The program as far as it decides a result, as plain JSON; the processor is left out: it is told beside."""
+    facts = {key: value for key, value in provenance().items() if key != "processor"}
+    return {**facts, "text": _text_digest(parts)}
+
+
+def address_of(*parts: Any) -> str:
+    """The address of a result by all that it was made from: SHA-256 of the parts as JSON, in hexadecimal digits."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def worker_facts() -> dict[str, Any]:
+    """What a worker is: asked of each before it gets work."""
+    return {"python": ".".join(map(str, sys.version_info[:2])), "joint_monitor": __version__, "program": program(JUDGES), **_processor()}
+
+
+def _processor() -> dict[str, str]:
+    facts = provenance()
+    return {"processor": facts["processor"], "threads": facts["threads"]}
+
+
+def _text_digest(parts: tuple[str, ...]) -> str:
+    """16 hexadecimal digits of the text of these modules and folders."""
+    folder, digest = Path(monitor.__file__).parent, hashlib.sha256()
+    for part in parts:
+        path = folder / part
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            digest.update(str(file.relative_to(folder)).encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+# --- What a task takes: its parts by the clock, the processor's time, bytes and memory ------------------
+
+PARTS = ("read", "decode", "compute", "write")
+
+
+class Cost(NamedTuple):
+    """What a task took. Times by the clock, but for `processor_s`; sums over tasks, but for `peak_mb`."""
+
+    recordings: int = 0  # that were identified or judged; not those of a result that was there already
+    bytes_read: int = 0
+    read_s: float = 0.0  # to bring bytes here and to check them
+    decode_s: float = 0.0  # bytes to signals
+    compute_s: float = 0.0  # identification, or verdicts
+    write_s: float = 0.0
+    task_s: float = 0.0
+    processor_s: float = 0.0
+    peak_mb: float = 0.0  # of the worker's memory, so far
+
+    def plus(self, other: "Cost") -> "Cost":
+        """Both together."""
+        parts: list[Any] = [mine + theirs for mine, theirs in zip(self, other, strict=True)]
+        summed = Cost(*parts)
+        return summed._replace(peak_mb=max(self.peak_mb, other.peak_mb))
+
+
+class Meter:
+    """Measures one task."""
+
+    def __init__(self) -> None:
+        self._began, self._processor = time.perf_counter(), time.process_time()
+        self._parts = dict.fromkeys(PARTS, 0.0)
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """What happens inside counts as this part."""
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._parts[name] += time.perf_counter() - began
+
+    def cost(self, recordings: int, bytes_read: int) -> Cost:
+        """What the task took until now."""
+        return Cost(
+            recordings=recordings,
+            bytes_read=bytes_read,
+            **{f"{name}_s": seconds for name, seconds in self._parts.items()},
+            task_s=time.perf_counter() - self._began,
+            processor_s=time.process_time() - self._processor,
+            peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        )
+
+
+# --- Identified replays as rows of an Arrow file, and back to the last bit: what a verdict needs of an identification, and no code ---
+
+IDENTIFIED, UNIDENTIFIABLE, REFUSED, GONE, CHANGED = "identified", "unidentifiable", "refused", "gone", "changed"
+_ARRAYS = (
+    "values", "covariance", "coulomb_nm", "viscous_nm_s_per_rad", "friction_cov", "temperature_c", "max_speed_rad_s", "rms_nm",
+    "relative_rms", "rms_all_nm", "warming_k_per_min", "mean_speed_rad_s", "residual_peak_rad",
+)  # fmt: skip
+_RESIDUAL = ("rigid", "friction", "load_nm", "rms_nm")
+_RIPPLE = ("cycles_per_turn", "amplitude_a", "std_a", "highest_rad_s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IdentifiedReplay:
+    """One recording after its identification, or why there is none."""
+
+    replay: int  # its number in the ledger
+    state: str  # IDENTIFIED; UNIDENTIFIABLE: too little motion; REFUSED: does not fit the arm; GONE: no recording; CHANGED: another one
+    reason: str = ""
+    sha256: str = ""  # of the file
+    context: Context = field(default_factory=Context)
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    samples: int = 0
+    source: str = ""
+    identification: Identification | None = None
+
+
+def to_bytes(replays: Iterable[IdentifiedReplay]) -> bytes:
+    """The Arrow file of a month's replays."""
+    documents, numbers = [], []
+    for replay in replays:
+        document = {
+            **{f.name: getattr(replay, f.name) for f in fields(replay) if f.name not in ("context", "quality", "identification")},
+            "context": asdict(replay.context),
+            "quality": dict(replay.quality),
+        }
+        flat: list[Array] = []
+        if replay.identification is not None:
+            document["identification"] = _document(replay.identification, flat)
+        documents.append(json.dumps(document, default=_plain))
+        numbers.append(np.concatenate([np.zeros(0), *(np.ravel(part) for part in flat)]))
+    table = pa.table({"document": pa.array(documents, pa.large_string()), "numbers": pa.array(numbers, pa.large_list(pa.float64()))})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
+        writer.write_table(table)
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
+
+
+def from_bytes(content: bytes) -> list[IdentifiedReplay]:
+    """The replays of `to_bytes`."""
+    table = pa.ipc.open_file(pa.BufferReader(content)).read_all()
+    rows = zip(table.column("document").to_pylist(), table.column("numbers"), strict=True)
+    return [_replay(json.loads(text), np.asarray(row.values.to_numpy())) for text, row in rows]
+
+
+def _document(found: Identification, flat: list[Array]) -> dict[str, Any]:
+    """The plain part; arrays are appended to `flat`, and their shapes stand in the document in the same order."""
+    parts: list[tuple[str, Array | None]] = [(name, getattr(found, name)) for name in _ARRAYS]
+    residual, ripple = found.residual_friction, found.ripple
+    if residual is not None:
+        parts += [(f"residual.{name}", getattr(residual, name)) for name in _RESIDUAL]
+    if ripple is not None:
+        parts += [(f"ripple.{name}", getattr(ripple, name)) for name in _RIPPLE]
+    known = [(name, np.asarray(value, dtype=float)) for name, value in parts if value is not None]
+    flat += [value for _, value in known]
+    return {
+        "robot": found.robot,
+        "mounting_rad": found.mounting.angles_rad,
+        "method": found.method,
+        "condition_number": found.condition_number,
+        "normalised_error_nm": found.normalised_error_nm,
+        "samples": found.samples,
+        "warnings": found.warnings,
+        "residual_law": None if residual is None else residual.law.name,
+        "ripple_why": None if ripple is None else ripple.why,
+        "shapes": [(name, value.shape) for name, value in known],
+    }
+
+
+def _replay(document: dict[str, Any], numbers: Array) -> IdentifiedReplay:
+    identification = document.pop("identification", None)
+    context = typed(Context, document.pop("context"), where="context")
+    made = None if identification is None else _identification(identification, numbers)
+    return IdentifiedReplay(**document, context=context, identification=made)
+
+
+def _identification(document: dict[str, Any], numbers: Array) -> Identification:
+    arrays: dict[str, Any] = {}
+    start = 0
+    for name, shape in document["shapes"]:
+        size = int(np.prod(shape))
+        arrays[name] = numbers[start : start + size].reshape(shape)
+        start += size
+    mounting = Mounting.of(document["mounting_rad"])
+    base = base_parameters(load_robot(document["robot"]), mounting)
+    residual = ripple = None
+    if document["residual_law"] is not None:
+        residual = ResidualFrictionFit(friction_law(document["residual_law"]), *(arrays[f"residual.{name}"] for name in _RESIDUAL))
+    if document["ripple_why"] is not None:
+        why = tuple(tuple(row) for row in document["ripple_why"])
+        parts = {name: arrays[f"ripple.{name}"] for name in _RIPPLE}
+        ripple = Ripple(why=why, **parts)
+    found: dict[str, Any] = {name: arrays.get(name) for name in _ARRAYS}
+    return Identification(
+        robot=document["robot"],
+        mounting=mounting,
+        method=document["method"],
+        names=base.names,
+        combination=base.combination,
+        columns=base.columns,
+        condition_number=document["condition_number"],
+        normalised_error_nm=document["normalised_error_nm"],
+        samples=document["samples"],
+        warnings=tuple(DataWarning(code, text) for code, text in document["warnings"]),
+        residual_friction=residual,
+        ripple=ripple,
+        **found,
+    )
+
+
+def _plain(value: Any) -> Any:
+    """JSON of numpy's numbers and arrays, which acquisition may have put into `quality`."""
+    return value.tolist()
+
+
+# --- The place of finished results, a folder or an S3 bucket: each under the address of all that it was made from. I/O ---
+
+Found = TypeVar("Found")
+
+
+class ResultsRefused(StoreError):
+    """The place of the results refuses: nothing that is computed can be kept."""
+
+
+class Results:
+    """Results by kind and address. Every method raises ResultsRefused where the place does not answer, or does not let us in."""
+
+    def __init__(self, place: str, *, make: bool = False) -> None:
+        """Place : a folder, or s3://BUCKET/PREFIX. make : a folder that is not there. Raises BadInput for another address."""
+        self.place = place
+        if "://" not in place:
+            folder = Path(place).absolute()
+            place = str(folder)
+            if make:
+                try:
+                    folder.mkdir(parents=True, exist_ok=True)
+                except OSError as wrong:
+                    raise BadInput(f"--results {self.place}: cannot be made: {wrong.strerror or wrong}") from None
+        try:
+            self._at = open_place(ArchiveSettings(address=place))
+        except BadInput as wrong:
+            raise BadInput(f"--results {wrong}") from None
+
+    def has(self, kind: str, address: str) -> bool:
+        """Whether a result is finished."""
+        return self._asked(lambda: self._at.has(_key(kind, address)))
+
+    def read(self, kind: str, address: str) -> bytes | None:
+        """A finished result; None where there is none."""
+        return self._asked(lambda: self._at.read(_key(kind, address)))
+
+    def write(self, kind: str, address: str, content: bytes) -> None:
+        """Keep a finished result."""
+        self._asked(lambda: self._at.write(_key(kind, address), content))
+
+    def _asked(self, ask: Callable[[], Found]) -> Found:
+        try:
+            return ask()
+        except (ArchiveUnavailable, ArchiveRefused) as wrong:
+            raise ResultsRefused(f"--results {str(wrong).replace('[store] recordings', 'the address')}") from None
+
+
+def whole(place: str) -> str:
+    """The place as a worker with another working directory finds it."""
+    return place if "://" in place else os.path.abspath(place)
+
+
+def _key(kind: str, address: str) -> str:
+    return f"{kind}/{address[:2]}/{address}"
+
+
+# --- The task of one arm-month: its recordings are read and identified, and what a verdict needs of them is kept. I/O, on a worker ---
 
 KIND = "identified"  # of results
 

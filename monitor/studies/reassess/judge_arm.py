@@ -1,8 +1,8 @@
-"""The task of one arm: its identified replays are judged in their order, and what was said is compared. I/O, on a worker."""
+"""What alerts said then, beside what they would say now: earlier, later, gone, new. Pure."""
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,25 +10,215 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput, StoreError
+from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.health import TIERS, Health, Transition, alert_from_document
+from monitor.judge.alerts.life_cycle import acknowledge, declare, unacknowledge
+from monitor.judge.alerts.states import with_service_alert
 from monitor.judge.assess import AssessSettings, Rejected, judge_identification, refusal
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
+from monitor.judge.drift.maintenance import Maintenance
+from monitor.judge.maintenance import begin_maintenance, with_new_joints
+from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.history.recompute import CHANGED, GONE, Tally, amended, repeat
+from monitor.service.history.recompute import CHANGED, GONE, Change, Tally, amended, judge_day, repeat
 from monitor.store.history.assessments import JudgedReplay
+from monitor.store.history.events import AlertEvent
+from monitor.store.history.maintenance import Amendment, MaintenanceRow
+from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
-from monitor.studies.reassess import identified
-from monitor.studies.reassess.amendments import AmendAnew
-from monitor.studies.reassess.compare import SAME, UNKNOWN, Said, changed_alerts, episodes
-from monitor.studies.reassess.cost import Cost, Meter
-from monitor.studies.reassess.files import PRUNED, require_folder
-from monitor.studies.reassess.identified import REFUSED, UNIDENTIFIABLE, IdentifiedReplay, from_bytes
+from monitor.studies.reassess.identify_month import (
+    JUDGES,
+    REFUSED,
+    UNIDENTIFIABLE,
+    Cost,
+    IdentifiedReplay,
+    Meter,
+    Results,
+    address_of,
+    from_bytes,
+    keep_memory,
+    program,
+)
 from monitor.studies.reassess.identify_month import KIND as IDENTIFIED
-from monitor.studies.reassess.memory import keep_memory
-from monitor.studies.reassess.plan import Arm, replays_of
-from monitor.studies.reassess.program import JUDGES, address_of, program
-from monitor.studies.reassess.results import Results
-from monitor.studies.reassess.settings import settings_with
+from monitor.studies.reassess.plan import PRUNED, Arm, replays_of, require_folder, settings_with
+
+SAME, EARLIER, LATER, NO_MORE, NEW = "same", "earlier", "later", "gone", "new"
+UNKNOWN = "unknown"  # a replay said it that cannot be judged any more
+CHANGES = (EARLIER, LATER, NO_MORE, NEW, UNKNOWN, SAME)
+
+
+class Said(NamedTuple):
+    """One transition of an alert."""
+
+    kind: str  # raised, updated, serviced, cleared, …
+    joint: int | None  # from 1; None: the arm
+    condition: str
+    tier: str
+    raised_at_unix_s: float
+    at_unix_s: float
+    cleared_at_unix_s: float | None
+
+    @classmethod
+    def of(cls, kind: str, alert: Mapping[str, Any]) -> "Said":
+        """From the alert's document."""
+        return cls(
+            kind, alert["joint"], alert["condition"], alert["tier"], alert["raised_at_unix_s"], alert["updated_at_unix_s"],
+            alert.get("cleared_at_unix_s"),
+        )  # fmt: skip
+
+
+class Episode(NamedTuple):
+    """One alert from its beginning to its end, with the time of each tier that it reached."""
+
+    joint: int | None
+    condition: str
+    raised_at_unix_s: float
+    tiers: dict[str, float]
+    ended_at_unix_s: float  # infinite while it is active
+
+
+def episodes(said: Sequence[Said]) -> list[Episode]:
+    """The alerts that replays have raised, in order of time; the monitor's alerts about itself are left out."""
+    found: dict[tuple[int | None, str, float], Episode] = {}
+    for each in said:
+        if of_the_monitor(each.condition):
+            continue
+        key = (each.joint, each.condition, each.raised_at_unix_s)
+        episode = found.setdefault(key, Episode(*key, {}, math.inf))
+        episode.tiers.setdefault(each.tier, each.at_unix_s if episode.tiers else each.raised_at_unix_s)
+        if each.cleared_at_unix_s is not None:
+            found[key] = episode._replace(ended_at_unix_s=each.cleared_at_unix_s)
+    return sorted(found.values(), key=lambda each: (each.raised_at_unix_s, each.joint or 0, each.condition))
+
+
+def changed_alerts(then: Sequence[Episode], now: Sequence[Episode], unjudged: Collection[float] = ()) -> list[dict[str, Any]]:
+    """One row for each tier of each alert: when it was reached then and now, and what changed.
+
+    Two alerts of one joint and condition are the same alert where their times overlap. unjudged : times of the replays that cannot be
+    judged any more: what only they have said is neither gone nor the same.
+    """
+    rows, left = [], list(now)
+    for old in then:
+        match = next((new for new in left if _same_alert(old, new)), None)
+        if match is not None:
+            left.remove(match)
+        rows += _rows(old, match, unjudged)
+    for new in left:
+        rows += _rows(None, new, unjudged)
+    return sorted(rows, key=lambda row: (min(at for at in (row["then_unix_s"], row["now_unix_s"]) if at is not None), row["joint"] or 0))
+
+
+def of_the_monitor(name: str) -> bool:
+    """Whether a condition is one of the monitor itself, which no replay raises."""
+    condition = CONDITIONS.get(name)
+    return condition is not None and condition.joint is None and condition.arm is None
+
+
+def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """How many rows of each change."""
+    return {change: sum(row["change"] == change for row in rows) for change in CHANGES}
+
+
+def _same_alert(old: Episode, new: Episode) -> bool:
+    if (old.joint, old.condition) != (new.joint, new.condition):
+        return False
+    return old.raised_at_unix_s <= new.ended_at_unix_s and new.raised_at_unix_s <= old.ended_at_unix_s
+
+
+def _rows(old: Episode | None, new: Episode | None, unjudged: Collection[float]) -> list[dict[str, Any]]:
+    one = old or new
+    assert one is not None
+    reached = [{} if each is None else each.tiers for each in (old, new)]
+    tiers = [tier for tier in TIERS if tier in reached[0] or tier in reached[1]]
+    return [_row(one, tier, reached[0].get(tier), reached[1].get(tier), unjudged) for tier in tiers]
+
+
+def _row(one: Episode, tier: str, then: float | None, now: float | None, unjudged: Collection[float]) -> dict[str, Any]:
+    days = None
+    if then in unjudged:
+        change, now = UNKNOWN, None if now == then else now  # equal: only copied
+    elif then is None or now is None:
+        change = NEW if then is None else NO_MORE
+    else:
+        days = (now - then) / DAY_S
+        change = SAME if days == 0.0 else EARLIER if days < 0.0 else LATER
+    return {
+        "joint": one.joint, "condition": one.condition, "tier": tier, "change": change, "then_unix_s": then, "now_unix_s": now, "days": days
+    }  # fmt: skip
+
+
+# --- What people and ordinary work changed between two replays, done anew upon another state than that of then ---
+
+
+class AmendAnew:
+    """Declared work, days of ordinary work and what people did to alerts, each applied to the state as it would be.
+
+    Work that was taken back counts as never declared. What a person did to an alert counts where that alert is active.
+    """
+
+    def __init__(self, store: Store, changes: Mapping[str, Any]) -> None:
+        self.said: list[Said] = []
+        self._store, self._changes = store, changes
+        self._declared: dict[float, MaintenanceRow] = {
+            row.declared_at_unix_s: row for row in store.maintenance.rows() if row.ledger_id is None and row.in_force
+        }
+        self._made_with = next((each.made_with for each in reversed(store.assessments.judged()) if each.made_with), None)
+
+    def __call__(self, state: EstimatorState | None, changes: Sequence[Change]) -> EstimatorState | None:
+        """The state after changes between two replays; None where it was not known."""
+        for change in changes:
+            if state is None:
+                return None
+            if isinstance(change, Amendment):
+                state = self._with_declared(state, change)
+            elif isinstance(change, DayOfProduction):
+                state = self._with_day(state, change)
+            else:
+                state = self._with_person(state, change)
+        return state
+
+    def _with_declared(self, state: EstimatorState, change: Amendment) -> EstimatorState:
+        row = self._declared.get(change.at_unix_s)
+        if row is None or state.belief is None or state.health is None or self._made_with is None:
+            return state
+        kept = row.document
+        act = Maintenance(kept["joint"], kept["kind"], kept["at_unix_s"], kept["declared_at_unix_s"], kept["by"], kept["why"])
+        settings = settings_with(self._store.assessments.provenance(self._made_with)["settings"], self._changes)
+        begun, maintenance = begin_maintenance(state.belief, (act,))
+        after = with_new_joints(begun, maintenance, settings.drift, settings.temperature)
+        serviced = declare(state.health, maintenance, change.at_unix_s)
+        self._say(serviced.transitions)
+        return EstimatorState(belief=after, health=serviced.health)
+
+    def _with_day(self, state: EstimatorState, day: DayOfProduction) -> EstimatorState:
+        if state.belief is None or state.health is None or not state.health.joints:
+            return state
+        settings = settings_with(self._store.assessments.provenance(day.made_with)["settings"], self._changes)
+        try:
+            verdict = judge_day(day, state.belief, state.health, settings)
+        except BadInput:  # the period ends before what this state has learnt
+            return state
+        self._say(verdict.transitions)
+        return EstimatorState(belief=verdict.belief, health=verdict.health)
+
+    def _with_person(self, state: EstimatorState, event: AlertEvent) -> EstimatorState:
+        document, health = event.document, state.health or Health(joints=())
+        if of_the_monitor(document["condition"]):
+            health = with_service_alert(health, alert_from_document(document), event.at_unix_s)
+        elif (act := {"acknowledged": acknowledge, "unacknowledged": unacknowledge}.get(document["kind"])) is not None:
+            try:
+                by, why = document.get("by") or "unknown", document.get("why") or ""
+                health = act(health, document["joint"], document["condition"], by=by, why=why, at_unix_s=event.at_unix_s)
+            except BadInput:  # the alert is not active here
+                return state
+        return EstimatorState(belief=state.belief, health=health)
+
+    def _say(self, transitions: Sequence[Transition]) -> None:
+        self.said += [Said.of(each.kind, plain(each.alert)) for each in transitions]
+
+
+# --- The task of one arm: its identified replays are judged in their order, and what was said is compared. I/O, on a worker ---
 
 KIND = "judged"  # of results
 MONTHS_HELD = 3  # a replay may stand in the month beside that of its window
@@ -128,11 +318,11 @@ class _Judge:
         if replay.made_with is None:
             return self._gone("made before the settings of a verdict were kept with it")
         row, settings = self._months.replay(replay), self._settings_of(replay.made_with)
-        if row is None or row.state == identified.GONE:
+        if row is None or row.state == RECORDING_GONE:
             if row is not None and row.reason != PRUNED:
                 self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             return self._gone("no identification" if row is None else row.reason)
-        if row.state == identified.CHANGED:
+        if row.state == RECORDING_CHANGED:
             self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             self.left_out["changed"] += 1
             return None, f"{CHANGED}{row.reason}"

@@ -1,17 +1,99 @@
-"""What is judged once more: the arms, their months, and the recordings of each, as plain values that travel to the workers. I/O."""
+"""Other settings for the past: the keys that a file names replace those with which each verdict was made; the others stay. I/O."""
 
 import datetime
+import hashlib
 import os
+import time
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from monitor.errors import BadInput, StoreError
+from monitor.config.files import find_prior
+from monitor.config.schema import FlowSettings, assess_sections, section_classes
+from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
+from monitor.config.sources import Source
+from monitor.errors import ArchiveConflict, ArchiveUnavailable, BadInput, StoreError
+from monitor.judge.assess import AssessSettings
+from monitor.judge.document import plain
+from monitor.judge.drift.settings import DriftSettings
+from monitor.service.history.recompute import settings_from_document
+from monitor.store.archive.archive import Archive, split_address
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.store import Store
-from monitor.studies.reassess.settings import for_arm, settings_with, with_changes
+
+
+def read_changes(path: Path) -> dict[str, Any]:
+    """The keys of a TOML file that a verdict depends on, as `AssessSettings` has them; sections of other rooms are left out.
+
+    Raises BadConfiguration that names every mistake with its key, and BadInput where the file names nothing that a verdict depends on.
+    """
+    source = Source.read(path)
+    document, mistakes = source.document, source.mistakes
+    sections = {**assess_sections(), "assess": FlowSettings}
+    known = section_classes()
+    mistakes += [of_section(name, f": unknown section{nearest(name, [*sections])}") for name in document if name not in known]
+    changes: dict[str, Any] = {}
+    drift = document.get("drift")
+    prior = drift.pop("prior", None) if isinstance(drift, dict) else None  # it names a file, see `for_arm`
+    for name, cls in sections.items():
+        if name not in document:
+            continue
+        wrong: list[Mistake] = []
+        read_section(name, cls, document[name], wrong)
+        # whether values go together is seen with those of the history, and not with the defaults: `settings_with`
+        mistakes += [mistake for mistake in wrong if len(mistake.key) > 1 or not isinstance(document[name], dict)]
+        if isinstance(document[name], dict):
+            changes |= document[name] if name == "assess" else {name: document[name]}
+    if isinstance(prior, str):
+        changes["drift"] = {**changes.get("drift", {}), "prior": str(path.absolute().parent / prior) if prior else ""}
+    elif prior is not None:
+        mistakes.append(of_key(("drift", "prior"), f"{prior!r}: expected the path of a file that `joint-monitor prior` has written"))
+    source.refuse()
+    if not any(changes.values()):
+        raise BadInput(f"{path}: changes nothing that a verdict depends on; expected keys of {', '.join(f'[{name}]' for name in sections)}")
+    return changes
+
+
+def for_arm(changes: Mapping[str, Any], made_with: Mapping[str, Any]) -> dict[str, Any]:
+    """The changes for one arm: a fleet's prior is that of its model, as the file holds it. made_with : of one of its verdicts.
+
+    Raises BadInput where the file cannot be read, or holds no prior of this model.
+    """
+    drift = changes.get("drift", {})
+    if "prior" not in drift:
+        return dict(changes)
+    speed = with_changes(made_with["settings"], changes)["drift"].get("reference_speed_rad_s", DriftSettings().reference_speed_rad_s)
+    return {**changes, "drift": {**drift, "prior": plain(find_prior(drift["prior"], made_with["robot"], speed, Path()))}}
+
+
+def with_changes(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The plain settings of a verdict with these keys replaced."""
+    changed = dict(settings)
+    for key, value in changes.items():
+        before = changed.get(key)
+        # a fleet's prior is replaced as a whole
+        changed[key] = (
+            with_changes(before, value) if key != "prior" and isinstance(value, Mapping) and isinstance(before, Mapping) else value
+        )
+    return changed
+
+
+def settings_with(settings: Mapping[str, Any], changes: Mapping[str, Any]) -> AssessSettings:
+    """The settings of a verdict with these keys replaced. Raises BadInput where they do not go together."""
+    try:
+        made: AssessSettings = settings_from_document(AssessSettings, with_changes(settings, changes))
+    except (BadInput, ValueError) as wrong:
+        raise BadInput(f"the changed settings do not fit those of the history: {wrong}") from None
+    return made
+
+
+# --- What is judged once more: the arms, their months, and the recordings of each, as plain values that travel to the workers. I/O ---
 
 DEEP = 4  # folders below a given one in which histories are looked for
 # why a replay was rejected that no setting and no program changes: its time
@@ -185,3 +267,121 @@ def _names(folders: Sequence[Path]) -> dict[Path, str]:
         if len(set(names.values())) == len(names) or depth > max(len(folder.parts) for folder in folders):
             return names
         depth += 1
+
+
+# --- The bytes of recordings where a worker finds them: in the history's folder, or in its archive. I/O ---
+
+MOST_HELD = 64_000_000  # [byte] of recordings that are held from their digest to their identification; beyond it, a file is read again
+WAITS_S = (1.0, 5.0, 20.0)  # between attempts where the archive does not answer
+PRUNED = "no recording any more"  # the reason where neither history nor archive has it
+
+
+class Files:
+    """The recordings of one month, each read once as long as they are small together."""
+
+    def __init__(self, month: Month) -> None:
+        self.bytes_read = 0
+        self.failed: list[str] = []  # recordings that the history knows by their SHA-256, and that could not be read
+        self._archive = month.archive
+        self._held: dict[int, bytes] = {}
+        self._size = 0
+
+    def digest(self, stored: Stored) -> str:
+        """SHA-256 of a recording that the history does not know by it; empty where it cannot be read. Raises as `content`."""
+        try:
+            content = self._fetched(stored)
+        except BadInput:
+            return ""
+        if self._size + len(content) <= MOST_HELD:
+            self._held[stored.replay] = content
+            self._size += len(content)
+        return hashlib.sha256(content).hexdigest()
+
+    def content(self, stored: Stored, digest: str) -> bytes:
+        """The bytes of a recording.
+
+        Raises BadInput where it cannot be read, ArchiveConflict where it is not the one of this digest; StoreError where this worker does
+        not reach the history, ArchiveUnavailable or ArchiveRefused where it does not reach the archive.
+        """
+        content = self._held.pop(stored.replay, None)
+        if content is not None:
+            return content
+        try:
+            content = self._fetched(stored)
+            if digest and hashlib.sha256(content).hexdigest() != digest:
+                raise ArchiveConflict(f"{stored.path or stored.address}: is not the recording that was made: its SHA-256 is another")
+        except (BadInput, ArchiveConflict) as wrong:
+            if stored.sha256:
+                self.failed.append(f"{stored.replay}: {wrong}")
+            raise
+        return content
+
+    def _fetched(self, stored: Stored) -> bytes:
+        """From the folder, else from the archive."""
+        if stored.path:
+            try:
+                content = Path(stored.path).read_bytes()
+            except FileNotFoundError:
+                if not stored.address:
+                    require_folder(Path(stored.path).parent)
+                    raise BadInput(PRUNED) from None  # since the months were listed
+            except OSError as wrong:
+                raise BadInput(f"{stored.path}: cannot be read: {wrong.strerror or wrong}") from None
+            else:
+                self.bytes_read += len(content)
+                return content
+        if not stored.address:
+            raise BadInput(PRUNED)
+        content = self._archived(stored)
+        self.bytes_read += len(content)
+        return content
+
+    def _archived(self, stored: Stored) -> bytes:
+        root, key = split_address(stored.address)
+        archive = _opened(replace(ArchiveSettings.from_document(self._archive or {"address": root}), address=root))
+        for wait_s in WAITS_S:
+            try:
+                return archive.read(key, stored.sha256)
+            except ArchiveUnavailable:
+                time.sleep(wait_s)
+        return archive.read(key, stored.sha256)
+
+
+class ReadAhead:
+    """The contents of a month's recordings in their order: each is fetched while the one before it is identified.
+
+    A server far away answers after a tenth of a second, as long as an identification takes.
+    """
+
+    def __init__(self, files: Files, wanted: Iterable[tuple[Stored, str]]) -> None:
+        self._files, self._wanted = files, iter(wanted)
+        self._reader = ThreadPoolExecutor(max_workers=1)  # `Files` is for one thread
+        self._coming = self._fetch()
+
+    def __enter__(self) -> "ReadAhead":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._reader.shutdown(cancel_futures=True)
+
+    def next(self) -> bytes:
+        """The next recording's bytes; raises as `Files.content` for this one. To be called once for each recording."""
+        this, self._coming = self._coming, self._fetch()
+        assert this is not None
+        return this.result()
+
+    def _fetch(self) -> Future[bytes] | None:
+        found = next(self._wanted, None)
+        return None if found is None else self._reader.submit(self._files.content, *found)
+
+
+def require_folder(folder: Path) -> None:
+    """Raises StoreError where a folder of a history is not there for this process."""
+    if not folder.is_dir():
+        raise StoreError(f"{folder}: a worker does not find it; expected histories where all workers reach them under the same name")
+
+
+@lru_cache(maxsize=8)
+def _opened(settings: ArchiveSettings) -> Archive:
+    """One connection a worker, not one a recording."""
+    return Archive.open(settings)

@@ -1,18 +1,176 @@
-"""The past judged once more, as one document: what would have been said otherwise, what it rests on, and what it cost. I/O."""
+"""A reassessment: arm-months are identified, arms judged, and what each says is gathered. I/O."""
 
+import queue
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from monitor import __version__
-from monitor.errors import BadInput
-from monitor.studies.reassess.cluster import cluster, threads_of
-from monitor.studies.reassess.compare import counts
-from monitor.studies.reassess.plan import histories
-from monitor.studies.reassess.program import worker_facts
-from monitor.studies.reassess.results import Results, whole
-from monitor.studies.reassess.run import Outcome, Reassessment, Show
+from monitor.errors import BadInput, MonitorError
+from monitor.studies.reassess.cluster import SchedulerLost, cluster, threads_of
+from monitor.studies.reassess.identify_month import Cost, Results, ResultsRefused, identify_month, whole, worker_facts
+from monitor.studies.reassess.judge_arm import counts, judge_arm
+from monitor.studies.reassess.plan import Arm, Found, arm_of, histories
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+AHEAD = 3  # tasks a thread that the scheduler holds: a plant has tens of thousands, and each arm shall be finished early
+TRIES = 3  # of a task whose worker died, each on several workers
+ALONE_S = 60.0  # a worker that died is replaced within seconds
+LOOK_S = 1.0  # how often the scheduler is looked at while nothing comes
+
+Show = Callable[[str, int, int], None]  # phase, recordings done, recordings in all
+
+
+class Outcome(NamedTuple):
+    """What a reassessment has found so far."""
+
+    arms: tuple[dict[str, Any], ...]
+    failed: tuple[dict[str, Any], ...]  # arms that could not be judged, and why
+    identify: Cost
+    judge: Cost
+    months: int
+    months_found: int  # that were there already
+
+
+class _Progress:
+    """An arm whose months are under way."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.addresses: dict[int, str] = {}
+        self.failed = False
+
+
+class _Task(NamedTuple):
+    of: _Progress
+    month: int | None  # None: the arm itself
+    tries: int = 1
+
+
+class Reassessment:
+    """Keeps the workers busy, a few tasks ahead of each; an arm is judged as soon as its months are identified."""
+
+    def __init__(self, client: "Client", place: str, changes: Mapping[str, Any], show: Show) -> None:
+        self._client, self._place, self._changes, self._show = client, place, dict(changes), show
+        self._open: dict[Future, _Task] = {}
+        self._ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self._arms: list[dict[str, Any]] = []
+        self._failed: list[dict[str, Any]] = []
+        self._identify, self._judge = Cost(), Cost()
+        self._months = self._found = 0
+
+    def run(self, arms: Sequence[Found]) -> Outcome:
+        """Compute everything. Raises SchedulerLost where the scheduler went away, ResultsRefused where nothing can be kept."""
+        total, done = sum(arm.recordings for arm in arms), 0
+        to_come, waiting = deque(arms), deque[_Task]()
+        most = AHEAD * max(1, threads_of(self._client))
+        while to_come or waiting or self._open:
+            while len(self._open) < most and (waiting or to_come):
+                if not waiting:
+                    waiting += self._tasks(to_come.popleft())
+                else:
+                    self._submit(waiting.popleft())
+            if not self._open:  # the last arms could not be read
+                continue
+            future = self._next()
+            task = self._open.pop(future)
+            following = self._taken(future, task)
+            if following is not None:  # before other arms' months: who asked for many arms wants the first ones early
+                waiting.appendleft(following)
+            if task.month is not None and following is not task:
+                done += len(task.of.arm.months[task.month].recordings)
+            self._show(f"{len(self._arms)} of {len(arms)} arms judged", done, total)
+        return self.outcome
+
+    @property
+    def outcome(self) -> Outcome:
+        """What is known now."""
+        arms = sorted(self._arms, key=lambda each: str(each["arm"]))
+        return Outcome(tuple(arms), tuple(self._failed), self._identify, self._judge, self._months, self._found)
+
+    def _tasks(self, found: Found) -> list[_Task]:
+        """The months of an arm; of one without any, the arm itself; nothing of one whose history cannot be read any more."""
+        try:
+            of = _Progress(arm_of(found, self._changes))
+        except MonitorError as wrong:
+            self._failed.append({"arm": found.name, "reason": str(wrong)})
+            return []
+        return [_Task(of, k) for k in range(len(of.arm.months))] or [_Task(of, None)]
+
+    def _submit(self, task: _Task) -> None:
+        arm = task.of.arm
+        if task.month is not None:
+            future = self._client.submit(identify_month, arm.months[task.month], self._place, pure=False)
+        else:
+            addresses = [task.of.addresses[k] for k in range(len(arm.months))]
+            future = self._client.submit(judge_arm, arm, addresses, arm.changes, self._place, pure=False)
+        self._open[future] = task
+        future.add_done_callback(self._ended.put)
+
+    def _next(self) -> "Future[Any]":
+        """The next task that ended. Raises SchedulerLost, also where no worker is left and none comes."""
+        alone = 0
+        while True:
+            try:
+                return self._ended.get(timeout=LOOK_S)
+            except queue.Empty:
+                if self._client.status != "running":
+                    raise SchedulerLost(self._lost("the scheduler")) from None
+                with suppress(Exception):  # a scheduler that ends now is seen at the next look
+                    alone = 0 if threads_of(self._client) else alone + 1
+                if alone * LOOK_S > ALONE_S:
+                    raise SchedulerLost(self._lost("every worker")) from None
+
+    def _taken(self, future: "Future[Any]", task: _Task) -> _Task | None:
+        """Take what a task has found; the task that follows from it."""
+        from distributed import KilledWorker
+
+        if future.status == "cancelled":
+            raise SchedulerLost(self._lost("the scheduler"))
+        wrong = future.exception()
+        if isinstance(wrong, KilledWorker) and task.tries < TRIES:
+            return task._replace(tries=task.tries + 1)
+        if isinstance(wrong, ResultsRefused):
+            raise wrong
+        if wrong is not None:
+            self._fail(task, wrong)
+            return None
+        found = future.result()
+        if task.month is None:
+            self._arms.append(found.document)
+            self._judge = self._judge.plus(found.cost)
+            return None
+        self._months += 1
+        self._found += found.found
+        self._identify = self._identify.plus(found.cost)
+        task.of.addresses[task.month] = found.address
+        complete = len(task.of.addresses) == len(task.of.arm.months)
+        return _Task(task.of, None) if complete and not task.of.failed else None
+
+    def _fail(self, task: _Task, wrong: BaseException) -> None:
+        from distributed import KilledWorker
+
+        if isinstance(wrong, KilledWorker):
+            reason = "its workers died again and again, as for want of memory"
+        else:
+            reason = str(wrong) if isinstance(wrong, MonitorError) else f"internal: {type(wrong).__name__}: {wrong}"
+        if not task.of.failed:
+            self._failed.append({"arm": task.of.arm.name, "reason": reason})
+        task.of.failed = True
+
+    def _lost(self, who: str) -> str:
+        return (
+            f"{who} went away; {self._months} arm-months and {len(self._arms)} arms are kept in {self._place}: "
+            "the same command goes on from there"
+        )
+
+
+# --- The past judged once more, as one document: what would have been said otherwise, what it rests on, and what it cost. I/O ---
 
 LEFT_OUT = ("gone", "changed", "rejected", "unknown_state")
 OF_ALL = ("identical", "different", "not_recomputable")

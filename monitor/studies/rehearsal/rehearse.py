@@ -1,18 +1,323 @@
-"""Would these thresholds detect wear, and how many false alerts would they raise? Every figure of a simulated fleet, as one document."""
+"""How soon the monitor detects wear of one joint, and how often it raises an alert of an arm that does not wear."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.assess import AssessSettings
-from monitor.recording import known_or_none
-from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, over_arms, share_document
-from monitor.studies.rehearsal.detection import Kind, false_alarms, kind_document, parts, play_part
-from monitor.studies.rehearsal.fleet import SCENARIOS, FleetSettings
-from monitor.studies.rehearsal.play import LEARNING_DAYS, play
-from monitor.studies.rehearsal.remaining_life import life_jobs, summarise
+from monitor.judge.drift.step import DriftState
+from monitor.recording import Array, known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, Share, median_bounds, over_arms, share_document
+from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, FleetSettings, Wear
+from monitor.studies.rehearsal.play import COMPARABLE, LEARNING_DAYS, Played, play
+
+LATEST_ONSET = 425  # [day] false alerts are counted until then, and wear may begin on any day of that time
+BASELINES = (LEARNING_DAYS, 100, 180, LATEST_ONSET)  # [day] before the onset: detection is reported for each span between them
+GROUP = 1200  # arms with one kind of wear that are played at once: 0.5 GB
+SOON_DAYS = 30  # within which a detection counts as soon
+
+
+class Kind(NamedTuple):
+    """One kind of wear, and the number of arms that have it."""
+
+    label: str
+    step: float  # fraction, at once
+    per_year: float  # fraction, per year of mean work
+    arms: int
+
+
+class Part(NamedTuple):
+    """Arms of one kind of wear that are played at once: memory limits how many."""
+
+    kind: Kind
+    arms: int
+    seed: int
+
+
+class Reported(NamedTuple):
+    """What was reported of arms in which one joint wears, (A,) each [day]; infinite where nothing was reported."""
+
+    onset: Array
+    own: Array  # from the onset to the worn joint's first tier, that day included
+    wear: Array  # likewise to its wear tier
+    others: Array  # day of any other joint's first tier
+
+    @classmethod
+    def of(cls, played: Played, wear: Wear) -> "Reported":
+        """Of a fleet that was played with this wear."""
+        joint = wear.joint.astype(int)
+        days = np.where(np.isnan(played.tier_day), np.inf, played.tier_day)  # (A, J, 3)
+        own = days[np.arange(played.fleet.arms), joint]  # (A, 3)
+        other = np.where(np.arange(days.shape[1]) == joint[:, None], np.inf, days[:, :, 0])
+        since = own - wear.onset_day[:, None] + 1.0
+        return cls(onset=wear.onset_day, own=since[:, 0], wear=since[:, 1], others=other.min(axis=1))
+
+    @classmethod
+    def together(cls, groups: Sequence["Reported"]) -> "Reported":
+        """All arms of all groups."""
+        return cls(*(np.concatenate(each) for each in zip(*groups, strict=True)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delay:
+    """Days from the onset to the first tier, over the arms that had no alert before; infinite where it never came."""
+
+    arms: int
+    median_days: float
+    median_at_most: float  # one-sided 95 %, by order statistics
+    p90_days: float
+    within_30: Share
+    by_baseline: tuple[tuple[int, int, Share], ...]  # from, to days before the onset: detected within 30 days
+    right_joint: Share  # of the arms in which anything was reported
+    wear_tier_median_days: float
+
+
+def false_alarms(played: Played, scenario: str | None = None) -> Rate:
+    """Alerts of arms without wear: the first rise to any tier and the first fall of every joint, the first common change of every arm."""
+    mask = np.ones(played.fleet.arms, dtype=bool) if scenario is None else played.fleet.scenario == scenario
+    events = np.isfinite(played.tier_day[mask][:, :, 0]).sum() + np.isfinite(played.falling_day[mask]).sum()
+    events += np.isfinite(played.common_day[mask]).sum()
+    return Rate(events=int(events), robot_years=float(mask.sum() * played.days / DAYS_A_YEAR))
+
+
+def delay(reported: Reported) -> Delay:
+    """How soon the worn joint was reported. Arms with an alert of it before the onset are left out: that is a false alert."""
+    without_false_alert = ~(reported.own < 1)
+    onset, days, wear_days, others = (each[without_false_alert] for each in reported)
+    n = len(days)
+    found = np.isfinite(days)
+    wrong = (others >= onset) & (others < onset + days)
+    return Delay(
+        arms=n,
+        median_days=float(np.median(days)) if n else np.inf,
+        median_at_most=median_bounds(days)[1],
+        p90_days=float(np.quantile(days, 0.9, method="higher")) if n else np.inf,
+        within_30=Share(hits=int((days <= SOON_DAYS).sum()), of=n),
+        by_baseline=tuple(
+            (low, high, Share(hits=int((days[here] <= SOON_DAYS).sum()), of=int(here.sum())))
+            for low, high in pairwise(BASELINES)
+            for here in [(onset >= low) & (onset < high)]
+        ),
+        right_joint=Share(hits=int((found & ~wrong).sum()), of=int(found.sum())),
+        wear_tier_median_days=float(np.median(wear_days)) if n else np.inf,
+    )
+
+
+def onsets(arms: int, seed: int, *, step: float = 0.0, per_day: float = 0.0, latest: int = LATEST_ONSET) -> Wear:
+    """Wear of one joint in each arm, from a day drawn evenly between the end of learning and `latest`."""
+    rng = np.random.default_rng(seed)
+    return Wear(
+        joint=rng.integers(0, 6, arms).astype(float),
+        onset_day=rng.integers(LEARNING_DAYS, latest, arms).astype(float),
+        step=np.full(arms, step),
+        per_day=np.full(arms, per_day),
+    )
+
+
+def detected(base: FleetSettings, assess: AssessSettings, kind: Kind, seed: int) -> dict[str, Any]:
+    """What was reported of one kind of wear, as a document."""
+    return kind_document(kind, [play_part(base, assess, part) for part in parts(kind, seed)])
+
+
+def parts(kind: Kind, seed: int) -> list[Part]:
+    """The arms of one kind of wear, in parts of `GROUP` at most."""
+    count = -(-kind.arms // GROUP)
+    return [Part(kind, len(group), seed + 1000 * k) for k, group in enumerate(np.array_split(np.arange(kind.arms), count))]
+
+
+class Covered(NamedTuple):
+    """Share of 90 % intervals of friction that contained the truth in joints that wear, from the onset on."""
+
+    worn: float  # on every day
+    undetected: float  # until the joint's first tier
+
+
+def play_part(base: FleetSettings, assess: AssessSettings, part: Part) -> tuple[Reported, Covered]:
+    """What was reported of a part, and how often the intervals contained the truth."""
+    kind, arms, seed = part
+    wear = onsets(arms, seed, step=kind.step, per_day=kind.per_year / DAYS_A_YEAR)
+    days = days_to_play(kind.step, kind.per_year)
+    played = play(replace(base, arms=arms, days=days, seed=seed + 1, scenarios=COMPARABLE), assess, wear)
+    return Reported.of(played, wear), Covered(played.covered_worn, played.covered_undetected)
+
+
+def days_to_play(step: float, per_year: float) -> int:
+    """So many days that a change of the last possible onset is detected in nearly every arm."""
+    return LATEST_ONSET + (60 if step >= 0.05 else 120 if per_year >= 0.3 else 250)
+
+
+def kind_document(kind: Kind, groups: Sequence[tuple[Reported, Covered]]) -> dict[str, Any]:
+    """The detection of one kind of wear, from all its parts, as a document."""
+    reported = Reported.together([group for group, _ in groups])
+    covered = np.average([shares for _, shares in groups], axis=0, weights=[len(group.own) for group, _ in groups])
+    return detection_row(kind.label, kind.step, kind.per_year, delay(reported), Covered(*map(float, covered)))
+
+
+def detection_row(label: str, step: float, per_year: float, found: Delay, covered: Covered) -> dict[str, Any]:
+    """The detection of one kind of wear, as a document."""
+    return {
+        "wear": label,
+        "step": step,
+        "per_year": per_year,
+        "arms": found.arms,
+        "median_days": known_or_none(found.median_days),
+        "median_at_most_days": known_or_none(found.median_at_most),
+        "p90_days": known_or_none(found.p90_days),
+        "within_30_days": share_document(found.within_30),
+        "by_baseline": [
+            {"from_days": low, "to_days": high, "within_30_days": share_document(soon)} for low, high, soon in found.by_baseline if soon.of
+        ],
+        "right_joint": share_document(found.right_joint),
+        "wear_tier_median_days": known_or_none(found.wear_tier_median_days),
+        "interval_90": known_or_none(covered.worn),
+        "interval_90_undetected": known_or_none(covered.undetected),
+    }
+
+
+# --- How good the predicted remaining life is, for arms that wear up to the limit along a straight, an exponential and a root path ---
+
+RATES_PER_YEAR = (0.10, 0.60)  # mean rates up to the limit, between which they are drawn evenly in their logarithm
+GROUPS = 5  # of arms that wear about as fast: those that wear fast need fewer days
+LEAST_GROUP = 48  # arms
+ONSET_DAY = 60.0
+ALPHA = 0.2  # of the true remaining life: so far off P50 may be
+HALF_LIFE = 0.5  # share of life, of which the limit is worn along a straight path
+ASKED_AT = (HALF_LIFE, 0.75)  # shares of life at which an arm is asked
+STRAIGHT, EXPONENTIAL, ROOT = "straight", "exponential", "root"
+GROWTH = 3.0  # friction rises e³ = 20 times as fast at the limit as at the onset
+
+
+def along(path: str, share: Array) -> Array:
+    """The share of the limit that is worn at a share of life."""
+    worn: dict[str, Array] = {STRAIGHT: share, EXPONENTIAL: np.expm1(GROWTH * share) / np.expm1(GROWTH), ROOT: np.sqrt(share)}
+    return worn[path]
+
+
+class Answer(NamedTuple):
+    """What the monitor predicted of one arm."""
+
+    path: str
+    share: float  # of life, when it was asked
+    near: bool  # P50 within ALPHA of the truth
+    covered: bool | None  # P10–P90 contained the truth; None where there was no prediction
+    ratio: float  # P50 over the truth; NaN where there was no prediction, infinity where P50 is beyond 54 years
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Life:
+    """How good remaining life was."""
+
+    interval: Share  # P10–P90 contained the truth, at the half-life of straight paths
+    alpha_lambda: Share  # P50 within 20 % of the truth, then
+    no_trend: int  # arms without a prediction, then
+    by_path: tuple[dict[str, Any], ...]  # a document for each path and share of life
+
+
+def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float, float] = RATES_PER_YEAR, base: FleetSettings) -> Life:
+    """α-λ (Saxena et al., 2008) with α = 0.2, and coverage of P10–P90, in revolutions; each arm is asked at two shares of its life.
+
+    Joints wear up to the limit, on the mean `per_year` in a year of mean work: `arms` along a straight path, and half as many each along an
+    exponential and a root path.
+    """
+    return summarise(job() for job in life_jobs(arms, assess, seed=seed, per_year=per_year, base=base))
+
+
+def life_jobs(
+    arms: int, assess: AssessSettings, *, seed: int, base: FleetSettings, per_year: tuple[float, float] = RATES_PER_YEAR
+) -> list[Callable[[], Any]]:
+    """The arms in groups with similar wear rates along the same path; each job returns the answers of its group."""
+    rng = np.random.default_rng(seed)
+    jobs: list[Callable[[], Any]] = []
+    for path, many in ((STRAIGHT, arms), (EXPONENTIAL, arms // 2), (ROOT, arms // 2)):
+        rates = np.sort(np.exp(rng.uniform(np.log(per_year[0]), np.log(per_year[1]), many))) / DAYS_A_YEAR  # per mean day of work
+        for rate in np.array_split(rates, min(GROUPS, max(many // LEAST_GROUP, 1))):
+            fleet = replace(base, arms=len(rate), seed=seed * 3 * GROUPS + len(jobs))
+            jobs.append(partial(answers_of, path, rate, rng.integers(0, 6, len(rate)), assess, fleet))
+    return jobs
+
+
+def summarise(groups: Iterable[list[Answer]]) -> Life:
+    """The answers of all groups."""
+    answers = [answer for group in groups for answer in group]
+    half = [answer for answer in answers if (answer.path, answer.share) == (STRAIGHT, HALF_LIFE)]
+    inside = [answer.covered for answer in half if answer.covered is not None]
+    return Life(
+        interval=Share(hits=sum(inside), of=len(inside)),
+        alpha_lambda=Share(hits=sum(answer.near for answer in half), of=len(half)),
+        no_trend=len(half) - len(inside),
+        by_path=tuple(_document(answers, path, share) for path in (STRAIGHT, EXPONENTIAL, ROOT) for share in ASKED_AT),
+    )
+
+
+def _document(answers: list[Answer], path: str, share: float) -> dict[str, Any]:
+    """The figures of one path at one share of life."""
+    asked = [answer for answer in answers if (answer.path, answer.share) == (path, share)]
+    inside = [answer.covered for answer in asked if answer.covered is not None]
+    ratios = [answer.ratio for answer in asked if answer.covered is not None]
+    return {
+        "path": path,
+        "at_share_of_life": share,
+        "asked": len(asked),
+        "no_trend": len(asked) - len(inside),
+        "p10_p90_holds": share_document(Share(hits=sum(inside), of=len(inside))) if inside else None,
+        "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
+    }
+
+
+def answers_of(
+    path: str, rate: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings, asked_at: tuple[float, ...] = ASKED_AT
+) -> list[Answer]:
+    """The answers of arms whose `joint` (A,) wears along a path that reaches the limit at a mean rate (A,) per mean day of work.
+
+    asked_at : shares of life, ascending.
+    """
+    arms, rise = len(rate), assess.prognosis.limit_rise
+    wear = wear_along(path, rate, joint, rise)
+    answers: list[Answer] = []
+    asked = np.zeros((arms, len(asked_at)), dtype=bool)
+
+    def watch(_: int, now: Day, state: DriftState) -> None:
+        lived = now.used_days * rate / rise  # share of life
+        due = now.replayed[:, None] & ~asked & (lived[:, None] >= np.array(asked_at))
+        for arm, k in np.argwhere(due).tolist():
+            asked[arm, k] = True
+            left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
+            n = arm * state.joints_per_arm + int(joint[arm])
+            answers.append(_answer(path, asked_at[k], state, n, left, assess))
+
+    days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
+    play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
+    return answers
+
+
+def wear_along(path: str, rate: Array, joint: np.ndarray, rise: float) -> Wear:
+    """The wear of arms whose `joint` (A,) begins to wear on `ONSET_DAY`, and reaches `rise` at a mean rate (A,) per mean day of work."""
+    return Wear(
+        joint=joint.astype(float),
+        onset_day=np.full(len(rate), ONSET_DAY),
+        step=np.zeros(len(rate)),
+        per_day=rate,
+        path=lambda straight: rise * along(path, straight / rise),
+    )
+
+
+def _answer(path: str, share: float, state: DriftState, n: int, truth: float, assess: AssessSettings) -> Answer:
+    """The monitor's prediction for joint n of the fleet against the true remaining revolutions."""
+    predicted = remaining_life_of_joint(state, n, assess.drift, assess.prognosis)
+    if predicted.p10_days is None:
+        return Answer(path, share, near=False, covered=None, ratio=np.nan)
+    usual = float(state.usage.per_day[n])
+    middle, latest = (np.inf if days is None else days * usual for days in (predicted.p50_days, predicted.p90_days))
+    near = abs(middle - truth) <= ALPHA * truth
+    return Answer(path, share, bool(near), bool(predicted.p10_days * usual <= truth <= latest), middle / truth)
+
+
+# --- Would these thresholds detect wear, and how many false alerts would they raise? Every figure of a simulated fleet, as one document ---
 
 FEWEST_ARMS = 12  # of any kind of wear
 

@@ -1,0 +1,353 @@
+"""Partial pooling of what the filters of many arms have learnt. Pure.
+
+The model of a figure x of one joint of one robot model: arm a has xₐ ~ N(μ, τ²), its filter says x̂ₐ ~ N(xₐ, sₐ²), and the family says
+μ ~ N(m₀, τ₀²). τ² is found by moments (DerSimonian and Laird, 1986) from deviations that are bounded, and weighed against τ₀² with the
+weight of `FAMILY_ARMS` arms. So few arms say little and stay near the family, and many arms speak for themselves, whatever other models do.
+
+Shapes: A arms of one model, J joints.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.errors import BadInput, MonitorError
+from monitor.judge.alerts.wear_paths import FAMILIES, FAMILY_PRIOR, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
+from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, RATE, SLOPE, SURE_SIGMAS, FilterState
+from monitor.judge.drift.noise.chance import AGES, GROUPS, KINDS
+from monitor.judge.drift.noise.size import DIFFERENCES
+from monitor.judge.drift.prior import BOUNDS, CHANCE_BOUNDS, FORMAT, LIFE_RISE, OF_CHANCE, OF_WEAR, SHARES, VERSION, WearPrior
+from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.recording import DAY_S, Array
+from monitor.service.history.assess_and_store import load_state
+from monitor.store.backup import HISTORY
+from monitor.store.store import Store
+
+FAMILY_ARMS = 4.0  # weight of the family's spread between arms, in arms
+BOUND_SIGMA = 2.5  # an arm further away counts as one at this distance: one regreased or broken arm does not widen the prior
+BOUNDED_VAR = 0.956  # of N(0, 1) bounded at ± 2.5
+ROUNDS = 20  # of the fixed point; three digits are reached after some five
+
+
+class Pooled(NamedTuple):
+    """What is expected of the joint of a new arm, (J,) each."""
+
+    mean: Array
+    std: Array  # of a new arm about the mean, the doubt of the mean included
+    between_std: Array  # τ, between arms
+
+
+def pool(value: Array, variance: Array, family_mean: Array, family_std: Array) -> Pooled:
+    """Value and variance (A, J) of the arms; mean and deviation (J,) among all arms of the family. NaN values are left out."""
+    known = np.isfinite(value) & np.isfinite(variance)
+    value, variance = np.where(known, value, 0.0), np.where(known, np.maximum(variance, 0.0), 1.0)
+    number, of_family = known.sum(axis=0), family_std**2
+    between, mean = of_family, np.asarray(family_mean, dtype=float)
+    for _ in range(ROUNDS):
+        spread = np.sqrt(between + variance)
+        away = np.where(known, np.clip((value - mean) / spread, -BOUND_SIGMA, BOUND_SIGMA) * spread, 0.0)
+        weight = np.where(known, 1.0 / spread**2, 0.0)
+        mean = mean + (np.sum(weight * away, axis=0) + (family_mean - mean) / of_family) / (weight.sum(axis=0) + 1.0 / of_family)
+        own = np.maximum(np.sum(np.where(known, away**2 / BOUNDED_VAR - variance, 0.0), axis=0), 0.0)
+        between = (own + FAMILY_ARMS * of_family) / (number + FAMILY_ARMS)
+    of_mean = 1.0 / (np.where(known, 1.0 / (between + variance), 0.0).sum(axis=0) + 1.0 / of_family)
+    return Pooled(mean, np.sqrt(between + of_mean), np.sqrt(between))
+
+
+def digits(value: float) -> float:
+    """Six digits of a figure: the seventh differs between processors."""
+    return float(f"{value:.6g}")
+
+
+# --- How the joints of a fleet wear once they do: along which paths, and how fast. Pure -----------------
+
+LEAST_RISE = 0.02  # [log] healthy joints are found within it, and a detected one is above
+FAMILY_SPREAD = 0.7  # [log] of the lives of any joints that wear: half to twice the median
+LEAST_WORN = 10  # joints; fewer say nothing that a new joint should be held to
+WEAR_ROUNDS = 100  # of expectation and maximisation; three digits are reached after some thirty
+
+
+class Joint(NamedTuple):
+    """One joint that surely rises."""
+
+    state: FilterState  # of its arm
+    n: int
+    slot: int  # of the context in force
+
+
+def rising(state: FilterState) -> np.ndarray:
+    """(J,) whether a joint's friction surely rises, and has risen by more than chance makes of a healthy joint."""
+    rate, std = state.mean[:, RATE], np.sqrt(np.maximum(state.cov[:, RATE, RATE], 0.0))
+    sure: np.ndarray = (rate > SURE_SIGMAS * std) & (state.wear > LEAST_RISE)
+    return sure
+
+
+def worn(state: FilterState) -> np.ndarray:
+    """(J,) whether a joint's wear has begun: its friction surely rises, or has stepped up."""
+    begun: np.ndarray = rising(state) | (state.stepped > LEAST_RISE)
+    return begun
+
+
+def learn_wear(joints: Sequence[Joint], drift: DriftSettings) -> WearPrior | None:
+    """What the joints of a fleet that wear say of the next one; None where fewer than `LEAST_WORN` show a path.
+
+    Each joint's course has a mixture of paths, each with a life: the usual days from its onset to a rise by LIFE_RISE. The shares of the
+    families of paths, and mean and spread of the lives' logarithms, are those under which all courses together are likeliest (empirical
+    Bayes, by expectation and maximisation), with `FAMILY_ARMS` joints for what holds without a fleet. As in `wear_paths`, a joint may be
+    none of the fleet: one that broke moves the fleet's figures little.
+    """
+    alone = replace(drift, prior=None)  # what the joints say themselves, and not what an earlier prior of theirs has said
+    found = [wear_paths(state, n, slot, state.joints, alone) for state, n, slot in joints]
+    courses = [_course(each) for each in found if each is not None]
+    if len(courses) < LEAST_WORN:
+        return None
+    family = float(np.log(LIFE_RISE / drift.unseen_pace_std_per_day))
+    usual = np.array(FAMILY_PRIOR)
+    shares, mean, var, of_fleet = usual, family, FAMILY_SPREAD**2, 0.0
+    for _ in range(WEAR_ROUNDS):
+        told = sum((_told(course, np.log(shares / usual), mean, var) for course in courses), np.zeros(5))
+        of_fleet = float(told[:3].sum())
+        shares = (told[:3] + FAMILY_ARMS * usual) / (of_fleet + FAMILY_ARMS)
+        mean = float((told[3] / var + family / FAMILY_SPREAD**2) / (of_fleet / var + FAMILY_SPREAD**-2.0))
+        about_mean = told[4] - 2.0 * mean * told[3] + mean**2 * of_fleet
+        var = float((about_mean + FAMILY_ARMS * FAMILY_SPREAD**2) / (of_fleet + FAMILY_ARMS))
+    spread = np.sqrt(var + var / max(of_fleet, 1.0))
+    figures = dict(zip(SHARES, shares, strict=True)) | {"life_days": np.exp(mean), "life_spread": spread}
+    return WearPrior(joints=len(courses), **{name: float(np.clip(value, *OF_WEAR[name])) for name, value in figures.items()})
+
+
+class _Course(NamedTuple):
+    """The mixture of one joint's paths, (M,) each."""
+
+    log_weight: Array  # of the likelihood: without what was expected of the rise
+    family: np.ndarray  # index of FAMILIES
+    life: Array  # log of the usual days from the onset to LIFE_RISE
+    var: Array
+
+
+def _course(paths: WearPaths) -> _Course:
+    rise, shape = np.maximum(paths.mean[:, 2], 1e-4), paths.shape
+    growth, ratio = GROWTHS[shape], LIFE_RISE / rise
+    power = ratio ** (1.0 / POWERS[shape])
+    accelerating = np.log1p(ratio * np.expm1(growth)) / np.maximum(growth, 1e-9)
+    life = paths.since * np.where(growth > 0, accelerating, power)
+    slope = elasticity(shape, paths.since, life)
+    # the density that was expected of the logarithm of this life, by that of the rise
+    expected = -0.5 * (rise / RISE_STD) ** 2 + np.log(2.0 / RISE_STD * slope * rise)
+    family = np.argmax(np.stack([of[shape] for of in FAMILIES]), axis=0)
+    return _Course(np.log(paths.weight) - expected, family, np.log(life), paths.cov[:, 2, 2] / (slope * rise) ** 2)
+
+
+def _told(course: _Course, log_odds: Array, mean: float, var: float) -> Array:
+    """(5,) of one joint: the probability that it is one of the fleet and wears along each family, and its expected x and x² of the life."""
+    spread = course.var + var
+    log = course.log_weight + log_odds[course.family] - 0.5 * np.log(spread) - 0.5 * (course.life - mean) ** 2 / spread
+    most = float(log.max())
+    weight = np.exp(log - most)
+    fleet = (1.0 - OTHERS) * weight.sum() * np.exp(min(most, 500.0))
+    weight *= fleet / (fleet + OTHERS) / weight.sum()
+    life, rest = (course.life * var + mean * course.var) / spread, course.var * var / spread
+    families = np.bincount(course.family, weights=weight, minlength=3)
+    return np.array([*families, weight @ life, weight @ (life**2 + rest)])
+
+
+# --- The memory of a fleet's noise: how far chance alone moves the mean of so many replays. Pure --------
+
+WEIGHT_REPLAYS = 12.0  # most: enough for a step in the first weeks, and an arm with longer memory than its fleet soon speaks for itself
+MOST = 2.5  # times the median of the arms that one arm counts for at most: one with other noise does not speak for all
+
+
+def learn_memory(states: Sequence[FilterState]) -> dict[str, Any]:
+    """The part `chance` of a model's document: mean χ² by kind of change and age, and its weight, which few arms have little of."""
+    arms = np.array([_of_arm(state) for state in states])  # (A, 2, G)
+    most = np.nanmedian(np.where(np.isnan(arms).all(axis=0), 1.0, arms), axis=0) * MOST
+    known = ~np.isnan(arms)
+    number = known.sum(axis=0)
+    mean = np.sum(np.where(known, np.minimum(arms, most), 0.0), axis=0) / np.maximum(number, 1)
+    for age in range(1, GROUPS):  # no arm is as old as that: as the oldest age that some have seen
+        mean[:, age] = np.where(number[:, age] > 0, mean[:, age], mean[:, age - 1])
+    mean = np.clip(np.where(mean > 0, mean, 1.0), *CHANCE_BOUNDS)
+    figures = {kind: [digits(value) for value in row] for kind, row in zip(OF_CHANCE, mean, strict=True)}
+    return {"replays": digits(WEIGHT_REPLAYS * len(states) / (len(states) + FAMILY_ARMS)), **figures}
+
+
+def _of_arm(state: FilterState) -> Array:
+    """(2, G) mean of the arm's joints; NaN at ages that it has not lived. Of a joint that changed, falls count twice."""
+    sides = state.chance.mean  # (J, 2, 2, G)
+    each = np.where(worn(state)[:, None, None], 2.0 * sides[:, :, 0], sides.sum(axis=2))
+    enough = state.chance.replays > np.maximum(AGES, 1.0)  # (J, G)
+    weight = np.repeat(np.where(enough, state.chance.replays, 0.0)[:, None], KINDS, axis=1)
+    total = weight.sum(axis=0)
+    mean: Array = np.where(total > 0, (weight * each).sum(axis=0) / np.maximum(total, 1e-9), np.nan)
+    return mean
+
+
+# --- From the filter states of a fleet's arms to the document of its prior. Pure ------------------------
+
+LEAST_REPLAYS = 40  # an arm with fewer still says what it was told at its beginning
+VISCOUS_SHARE = 0.5  # of friction at the reference speed, in the family's prior
+NOISE_SPREAD = 0.5  # [log σ] standard deviation between arms of the family: 1.2 to 3.3 % around 2 %
+
+
+class LearntArm(NamedTuple):
+    """What is read of one arm's history."""
+
+    name: str
+    model: str
+    state: FilterState
+    days: float  # since the first replay
+    reference_speed_rad_s: float = 0.4  # at which its friction was followed
+    slot: int = 0  # of the filter, with the level of the context in force
+
+
+def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, Any]:
+    """The document of the prior of every model that has an arm with `LEAST_REPLAYS` replays of most joints.
+
+    Raises BadInput where there is none, or where their reference speeds differ.
+    """
+    old = [arm for arm in arms if float(np.median(arm.state.replays)) >= LEAST_REPLAYS]
+    if not old:
+        most = max((float(np.median(arm.state.replays)) for arm in arms), default=0.0)
+        raise BadInput(f"no arm with {LEAST_REPLAYS} replays to learn from: the longest history of {len(arms)} holds {most:.0f}")
+    speeds = sorted({arm.reference_speed_rad_s for arm in old})
+    if len(speeds) > 1:
+        named = "; ".join(f"{speed:g} rad/s in {next(arm.name for arm in old if arm.reference_speed_rad_s == speed)}" for speed in speeds)
+        raise BadInput(f"the arms' friction was followed at different speeds ({named}); expected one [drift] reference_speed_rad_s")
+    by_model = {model: [arm for arm in old if arm.model == model] for model in sorted({arm.model for arm in old})}
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "reference_speed_rad_s": speeds[0],
+        "learnt_from": {
+            "arms": len(old),
+            "left_out": [f"{arm.name}: {np.median(arm.state.replays):.0f} replays" for arm in arms if arm not in old],
+            "joint_years": round(sum(arm.days * arm.state.joints for arm in old) / 365.0, 2),
+        },
+        "models": {model: _of_model(of_it, drift, temperature) for model, of_it in by_model.items()},
+    }
+
+
+def _of_model(arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, Any]:
+    """The prior of one model."""
+    J = arms[0].state.joints
+    states = [arm.state for arm in arms]
+    family = _family(drift, temperature)
+    pooled = {name: _pooled(states, entry, *family[name], J) for name, entry in (("slope", SLOPE), ("curve", CURVE), ("lag", LAG))}
+    replays = np.array([state.replays for state in states])
+    rho = np.array([state.autocorrelation(J, drift) for state in states])
+    sigma2 = np.array([state.noise_var(J, drift, of_arm) for state, of_arm in zip(states, rho, strict=True)])
+    # the noise is the arm's: its joints are alike, and their number says how well it is known
+    chance = DIFFERENCES / np.maximum(replays.sum(axis=1), 1.0)
+    log_sigma = 0.5 * np.log(sigma2)
+    noise = pool(log_sigma, np.repeat(0.25 * chance[:, None], J, axis=1), np.full(J, np.log(drift.between_std)), np.full(J, NOISE_SPREAD))
+    # log γ₁ of n replays scatters by 3/n: a spread of 4·τ² of log σ² between arms is what so many replays would leave
+    weight = DIFFERENCES / np.maximum(4.0 * noise.std**2, 1e-9)
+    level = np.array([state.mean[:, LEVELS] for state in states])
+    began, pace = _wear(states)
+    wear = learn_wear([Joint(arm.state, int(n), arm.slot) for arm in arms for n in np.flatnonzero(rising(arm.state))], drift)
+    years = sum(arm.days for arm in arms) * J / 365.0
+    columns: Mapping[str, Array] = {
+        "slope_per_k": pooled["slope"].mean,
+        "slope_std_per_k": pooled["slope"].std,
+        "curve_per_k2": pooled["curve"].mean,
+        "curve_std_per_k2": pooled["curve"].std,
+        "lag": pooled["lag"].mean,
+        "lag_std": pooled["lag"].std,
+        "noise_std": np.exp(noise.mean),
+        "noise_correlation": np.mean(rho, axis=0),
+        "noise_replays": weight,
+    }
+    bounded = {name: np.clip(column, *BOUNDS[name]) for name, column in columns.items()}
+    median = np.median(level, axis=0)
+    return {
+        "arms": len(arms),
+        "joint_years": round(years, 2),
+        # a joint begins to wear so often: the setting that stands in counts as one beginning
+        "onsets_per_year": digits((began + 1.0) / (years + 1.0 / max(drift.onsets_per_year, 1e-6))),
+        "wear_per_year": digits(365.0 * pace) if np.isfinite(pace) else None,
+        "chance": learn_memory(states),
+        "wear": None if wear is None else {name: value if name == "joints" else digits(value) for name, value in asdict(wear).items()},
+        "joints": [
+            {
+                "joint": j + 1,
+                **{name: digits(column[j]) for name, column in bounded.items()},
+                "friction_nm": digits(np.exp(median[j])),
+                "friction_spread": digits(1.4826 * np.median(np.abs(level[:, j] - median[j]))),
+            }
+            for j in range(J)
+        ],
+    }
+
+
+def _family(drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of slope, curve and lag among all arms of the family, as in `initial_filter`."""
+    fall = temperature.viscous_fall_per_k
+    slope = fall * VISCOUS_SHARE
+    slope_std = float(np.hypot(temperature.viscous_fall_std_per_k * VISCOUS_SHARE, temperature.coulomb_fall_std_per_k))
+    curve = 0.5 * fall**2 * VISCOUS_SHARE * (1.0 - VISCOUS_SHARE)
+    lag_std = float(np.hypot(slope * drift.grease_lag_std_min, slope_std * drift.grease_lag_min))
+    return {"slope": (slope, slope_std), "curve": (curve, max(curve, 1e-6)), "lag": (slope * drift.grease_lag_min, lag_std)}
+
+
+def _pooled(states: Sequence[FilterState], entry: int, mean: float, std: float, joints: int) -> Pooled:
+    """One entry of the filter's mean, pooled over the arms.
+
+    The filter's estimate holds the family's prior already; what the replays alone say is the estimate with that prior taken out. Where
+    they say next to nothing, the arm is left out.
+    """
+    value = np.array([state.mean[:, entry] for state in states])
+    variance = np.array([state.cov[:, entry, entry] for state in states])
+
+    information = 1.0 / np.maximum(variance, 1e-300) - 1.0 / std**2
+    told = information * std**2 > 1.0
+    own_variance = np.where(told, 1.0 / np.where(told, information, 1.0), np.nan)
+    own_value = np.where(told, (value / np.maximum(variance, 1e-300) - mean / std**2) * own_variance, np.nan)
+    return pool(own_value, own_variance, np.full(joints, mean), np.full(joints, std))
+
+
+def _wear(states: Sequence[FilterState]) -> tuple[float, float]:
+    """Number of joints whose friction surely rises or has stepped up, and the root mean square of the sure rates [1/usual day]."""
+    began, rates = 0, []
+    for state in states:
+        began += int(np.sum(worn(state)))
+        rates += state.mean[rising(state), RATE].tolist()
+    return float(began), float(np.sqrt(np.mean(np.square(rates)))) if rates else float("nan")
+
+
+# --- The arms of a fleet, read from their histories. I/O ------------------------------------------------
+
+
+def arms_of(folders: Sequence[Path]) -> tuple[list[LearntArm], list[str]]:
+    """The arms whose histories lie in the folders or in folders of these, and a sentence for each history that says nothing.
+
+    Raises BadInput where a folder holds no history.
+    """
+    arms, silent = [], []
+    for place in _histories(folders):
+        try:
+            with Store.reader(place) as store:
+                belief = load_state(store).belief
+        except MonitorError as error:
+            silent.append(f"{place}: {error}")
+            continue
+        if belief is None:
+            silent.append(f"{place}: nothing was assessed yet")
+            continue
+        days = (belief.at_unix_s - belief.began_at_unix_s) / DAY_S
+        arms.append(LearntArm(str(place), belief.robot, belief.filter_state, days, belief.reference_speed_rad_s, int(belief.slot[0])))
+    return arms, silent
+
+
+def _histories(folders: Sequence[Path]) -> list[Path]:
+    """The folders that hold a history, each once."""
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        own = [folder] if (folder / HISTORY).is_file() else sorted(path.parent for path in folder.glob(f"*/{HISTORY}"))
+        if not own:
+            raise BadInput(f"{folder}: holds no {HISTORY}, nor does a folder in it; expected a daemon's state folder, or one of many")
+        found |= {place.resolve(): place for place in own}
+    return list(found.values())

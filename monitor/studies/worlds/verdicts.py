@@ -1,0 +1,335 @@
+"""What the judge says of remaining life in joints whose wear follows a path to the limit, asked at shares of the true life."""
+
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from monitor.judge.alerts.evidence import Evidence
+from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
+from monitor.judge.assess import AssessSettings
+from monitor.recording import Array, known_or_none
+from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
+from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, interval_holds, judged_days
+from monitor.studies.rehearsal.rehearse import ALPHA, ASKED_AT
+from monitor.studies.worlds.fleet import World, WorldFleet
+
+
+class LifeAnswer(NamedTuple):
+    """One joint's prediction, and the truth."""
+
+    group: int  # number of the kind of wear
+    share: float  # of life, when it was asked
+    predicted: RemainingLife
+    true_days: float
+
+
+class Lives:
+    """Asks every arm whose wear has a life at each of `ASKED_AT`, on the first replay from then on."""
+
+    def __init__(self, fleet: WorldFleet, assess: AssessSettings) -> None:
+        self.answers: list[LifeAnswer] = []
+        self._fleet, self._assess = fleet, assess
+        has_life = np.array([wear.life_years is not None for wear in fleet.world.wear] or [False])
+        lives = (fleet.group >= 0) & has_life[fleet.group]
+        self._open = np.repeat(lives[:, None], len(ASKED_AT), axis=1)  # (A, 2)
+
+    def add(self, judged: JudgedDay) -> None:
+        """One more day."""
+        fleet = self._fleet
+        due = judged.day >= fleet.onset_day[:, None] + np.array(ASKED_AT) * fleet.unit_days[:, None]
+        for arm, k in np.argwhere(self._open & due & judged.now.replayed[:, None]).tolist():
+            self._open[arm, k] = False
+            joint = arm * fleet.joints + int(np.argmax(fleet.worn[arm]))
+            left = fleet.onset_day[arm] + fleet.unit_days[arm] - judged.day
+            predicted = remaining_life_of_joint(judged.result.state, joint, self._assess.drift, self._assess.prognosis)
+            self.answers.append(LifeAnswer(int(fleet.group[arm]), ASKED_AT[k], predicted, float(left)))
+
+
+def life_documents(answers: list[LifeAnswer], group: int) -> list[dict[str, Any]]:
+    """For each share of life: how often P10–P90 held the truth, P50 was near, the median of P50 over the truth, and no date was given."""
+    rows = []
+    for share in ASKED_AT:
+        asked = [each for each in answers if each.group == group and each.share == share]
+        dated = [each for each in asked if each.predicted.p10_days is not None]
+        if not asked:
+            continue
+        ratios = [np.inf if each.predicted.p50_days is None else each.predicted.p50_days / each.true_days for each in dated]
+        held = [_holds(each) for each in dated]
+        rows.append(
+            {
+                "at_share_of_life": share,
+                "asked": len(asked),
+                "without_date": len(asked) - len(dated),
+                "p10_p90_holds": share_document(Share(hits=sum(held), of=len(held))),
+                "p50_near": share_document(Share(hits=sum(abs(ratio - 1.0) <= ALPHA for ratio in ratios), of=len(asked))),
+                "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
+            }
+        )
+    return rows
+
+
+def _holds(answer: LifeAnswer) -> bool:
+    """Whether P10–P90 holds the truth; a bound that is not given is beyond every date."""
+    early, late = answer.predicted.p10_days, answer.predicted.p90_days
+    return early is not None and early <= answer.true_days <= (np.inf if late is None else late)
+
+
+# --- What the judge makes of a world: false advisories, days to detection, coverage, counted as the text `COUNTED` says ---
+
+CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
+SOON_DAYS = 30
+CONTRADICTIONS = 2  # in a row raise the alert
+LIFE_DAYS = (LEARNING_DAYS, 2 * LEARNING_DAYS, 425, np.inf)  # ends of the parts of life in which false advisories are counted apart
+COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
+them), over all days after learning: of each joint the first rise to any tier and the first alert of fallen friction, of each arm the first
+common alert (of all joints together). In some worlds a kind is the right word for what happens and not counted: the line names what is.
+"again" counts those that come back after 30 days without; "day 60–120" and the like are the counted ones a robot-year at that age of the
+arm, those of weights left out. Every kind of wear of the world is put into further arms (half as many of each),
+from a day between 60 and 425 on; days to detection run from the onset to the first tier of the joint that wears (of any of them, or the
+common alert, where three or more wear), the onset's day included; arms in which that was raised before the onset are left out. Right joint:
+no other joint's tier came between onset and detection, of the arms where anything was found. Coverage: share of days on which the 90 %
+interval of friction at T0 (with the undetected-change mixture) holds the truth, of healthy joints, of worn ones from the onset on, of these
+until the detection. Remaining life is asked at 50 and 75 % of the time from the onset to the limit, where wear has such a time: P10–P90
+holds, P50 within 20 %, median of P50 over the truth. The judge's functions are the daemon's (`step`, `weigh_evidence`);
+nobody counts revolutions."""
+
+
+class Episodes:
+    """First days and number of episodes of a condition over days, for joints or arms."""
+
+    def __init__(self, size: int) -> None:
+        self.first = np.full(size, np.inf)  # after learning
+        self.count = np.zeros(size, dtype=int)  # of episodes after learning
+        self._last = np.full(size, -np.inf)
+
+    def add(self, day: float, on: np.ndarray, learning: int) -> None:
+        """One more day; what was on while learning and never went off is no new episode."""
+        new = on & (day - self._last > CLEAR_DAYS) & (day >= learning)
+        self.first[new & np.isinf(self.first)] = day
+        self.count += new
+        self._last[on] = day
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdicts:
+    """What was raised in a fleet of a world. Days are those of the fleet's life; infinite is never."""
+
+    fleet: WorldFleet
+    rising: Episodes  # of the joints, (A·J,)
+    falling: Episodes
+    common: Episodes  # of the arms, (A,)
+    payload: Episodes  # likewise, weights that contradict the declared context: of arms that carry what nobody declared …
+    no_payload: Episodes  # … and of others
+    found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
+    before: np.ndarray  # (A,) it was raised already before the onset
+    wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
+    held: Array  # (A, 3) replays whose 90 % interval held the truth: of healthy joints, of worn ones, of these until the detection …
+    of: Array  # (A, 3) … of so many
+    lives: list[LifeAnswer]
+    seconds: float
+
+
+def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
+    """A world's fleet, judged day by day."""
+    started, A, J = time.process_time(), fleet.arms, fleet.joints
+    rising, falling, common, payload, no_payload = Episodes(A * J), Episodes(A * J), Episodes(A), Episodes(A), Episodes(A)
+    contradicted = np.zeros(A)  # replays in a row
+    found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
+    held, of = np.zeros((A, 3)), np.zeros((A, 3))
+    many = fleet.worn.sum(axis=1) >= 3
+    previously, lives = np.zeros(A, dtype=bool), Lives(fleet, assess)
+    for judged in judged_days(fleet, fleet.days, assess, count_use=False):
+        day, evidence = judged.day, judged.evidence
+        raised = evidence.raises.reshape(A, J) >= 0
+        rising.add(day, raised.ravel(), LEARNING_DAYS)
+        falling.add(day, evidence.falls, LEARNING_DAYS)
+        common.add(day, evidence.together, LEARNING_DAYS)
+        contradicted = np.where(judged.now.replayed, (contradicted + 1) * judged.undeclared, contradicted)
+        payload.add(day, (contradicted >= CONTRADICTIONS) & fleet.undeclared[judged.number], LEARNING_DAYS)
+        no_payload.add(day, (contradicted >= CONTRADICTIONS) & ~fleet.undeclared[judged.number] & judged.now.replayed, LEARNING_DAYS)
+        own = _found(raised, evidence, fleet.worn, many)
+        after = day >= fleet.onset_day
+        before |= own & ~after & (day >= LEARNING_DAYS)
+        before |= own & (day == fleet.onset_day) & previously
+        wrong |= after & np.isinf(found) & (raised & ~fleet.worn).any(axis=1)
+        found[own & after & np.isinf(found)] = day
+        previously = own
+        lives.add(judged)
+        if day >= LEARNING_DAYS:
+            T0 = judged.result.state.reference_temperature_c.reshape(A, J)
+            holds = interval_holds(fleet.log_torque_at(judged.number, T0).ravel(), judged.result.state, assess.drift).reshape(A, J)
+            worn = judged.now.worn > 0
+            for k, mask in enumerate((~worn, worn, worn & np.isinf(found)[:, None])):
+                counted = mask & judged.now.replayed[:, None]
+                held[:, k] += (holds & counted).sum(axis=1)
+                of[:, k] += counted.sum(axis=1)
+    return Verdicts(
+        fleet=fleet,
+        rising=rising,
+        falling=falling,
+        common=common,
+        payload=payload,
+        no_payload=no_payload,
+        found_day=found,
+        before=before,
+        wrong=wrong,
+        held=held,
+        of=of,
+        lives=lives.answers,
+        seconds=time.process_time() - started,
+    )
+
+
+def _found(raised: np.ndarray, evidence: Evidence, worn: np.ndarray, many: np.ndarray) -> np.ndarray:
+    """(A,) whether a joint that wears is at a tier, or all together where three or more wear."""
+    result: np.ndarray = (raised & worn).any(axis=1) | (many & evidence.together)
+    return result
+
+
+def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
+    """The figures of a world, as one document: advisories from its healthy arms, detection from those that wear."""
+    fleet, world = healthy.fleet, healthy.fleet.world
+    years = float(fleet.arms * (fleet.days - LEARNING_DAYS) / DAYS_A_YEAR)
+    rates = {
+        name: _rate(int(np.isfinite(episodes.first).sum()), years, again=int(np.maximum(episodes.count - 1, 0).sum()))
+        for name, episodes in (
+            ("rising", healthy.rising),
+            ("falling", healthy.falling),
+            ("common", healthy.common),
+            ("payload", healthy.no_payload),
+        )
+    }
+    counted = sum(int(rates[name]["events"]) for name in (*world.goal.counted, "payload"))
+    return {
+        "world": world.name,
+        "sentence": world.sentence,
+        "arms": fleet.arms,
+        "robot_years": years,
+        "learning_days": LEARNING_DAYS,
+        "false_advisories": {
+            "counted": {**_rate(counted, years), "kinds": list(world.goal.counted)},
+            "single_joint": _rate(int(rates["rising"]["events"] + rates["falling"]["events"]), years),
+            "by_life": _by_life(healthy),
+            **rates,
+        },
+        "payload_told": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
+        "detection": [{**_detection(worn, k), "remaining_life": life_documents(worn.lives, k)} for k in range(len(world.wear))],
+        "interval_90": {"healthy": _covered(healthy, 0), "worn": _covered(worn, 1)},
+        "goal": {
+            "false_advisories": world.goal.false,
+            "median_days": dict(world.goal.within_days),
+            "nine_of_ten_days": dict(world.goal.nine_of_ten_days),
+            "interval_90": None if world.goal.interval is None else list(world.goal.interval),
+        },
+        "processor_s": healthy.seconds + worn.seconds,
+        "arm_days": fleet.arms * fleet.days + worn.fleet.arms * worn.fleet.days,
+    }
+
+
+def _covered(verdicts: Verdicts, k: int, arms: np.ndarray | None = None) -> float | None:
+    """Share of the k-th kind of replays whose interval held the truth, of all arms or of some; None without any."""
+    here = slice(None) if arms is None else arms
+    of = float(verdicts.of[here, k].sum())
+    return float(verdicts.held[here, k].sum()) / of if of else None
+
+
+def _by_life(healthy: Verdicts) -> list[dict[str, Any]]:
+    """The counted advisories of friction by the arms' age: what chance does is learnt from the arm, and young arms have more of them."""
+    counted = healthy.fleet.world.goal.counted
+    first = np.concatenate([getattr(healthy, kind).first for kind in counted])
+    parts = []
+    for begin, end in pairwise(LIFE_DAYS):
+        last = min(end, float(healthy.fleet.days))
+        if last > begin:
+            events = int(((first >= begin) & (first < last)).sum())
+            years = float(healthy.fleet.arms * (last - begin) / DAYS_A_YEAR)
+            parts.append({"from_day": begin, "to_day": last, "robot_years": years, **_rate(events, years)})
+    return parts
+
+
+def _rate(events: int, years: float, **more: int) -> dict[str, Any]:
+    rate = Rate(events=events, robot_years=years)
+    return {"events": events, "per_year": rate.per_year, "at_most": rate.at_most, **more}
+
+
+def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
+    """Days to detection of the wear of number k."""
+    fleet = verdicts.fleet
+    here = (fleet.group == k) & ~verdicts.before
+    days = verdicts.found_day[here] - fleet.onset_day[here] + 1.0
+    found, n = np.isfinite(days), len(days)
+    return {
+        "wear": fleet.world.wear[k].name,
+        "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
+        **days_document(days),
+        "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
+        "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
+        "never": share_document(Share(hits=int((~found).sum()), of=n)),
+        "right_joint": share_document(Share(hits=int((found & ~verdicts.wrong[here]).sum()), of=int(found.sum()))),
+    }
+
+
+def days_document(days: Array) -> dict[str, Any]:
+    """Days to detection of arms, infinite where it never came: their number, the median with its bounds, and nine of ten."""
+    n, (low, high) = len(days), median_bounds(days)
+    return {
+        "arms": n,
+        "median_days": known_or_none(float(np.median(days))) if n else None,
+        "median_at_least_days": known_or_none(max(low, 0.0)),
+        "median_at_most_days": known_or_none(high),
+        "p90_days": known_or_none(float(np.quantile(days, 0.9, method="higher"))) if n else None,
+    }
+
+
+def play_world(world: World, assess: AssessSettings, *, arms: int, days: int, seed: int, worn: int | None = None) -> dict[str, Any]:
+    """A world's figures, as one document.
+
+    arms : healthy ones, over `days`. worn : arms of each kind of wear, no longer than needed; None: half as many as healthy ones.
+    """
+    healthy, wearing = fleets_of(world, arms=arms, days=days, seed=seed, worn=worn)
+    return world_document(judge_world(healthy, assess), judge_world(wearing, assess))
+
+
+def fleets_of(world: World, *, arms: int, days: int, seed: int, worn: int | None = None) -> tuple[WorldFleet, WorldFleet]:
+    """The healthy arms and those that wear, as in `play_world`."""
+    each = max(arms // 2, 1) if worn is None else worn
+    latest = max((wear.latest_day + DAYS_A_YEAR * (wear.life_years or (1.0, 1.0))[1] for wear in world.wear), default=0.0)
+    healthy = WorldFleet(world, healthy=arms, worn=0, days=days, seed=seed)
+    return healthy, WorldFleet(world, healthy=0, worn=each, days=min(days, int(latest)), seed=seed + 1_000_000)
+
+
+def world_line(document: dict[str, Any]) -> str:
+    """The figures in one line."""
+    false, goal = document["false_advisories"], document["goal"]
+    each = " ".join(f"{name} {false[name]['per_year']:.2f}" for name in ("rising", "falling", "common"))
+    again = sum(false[name]["again"] for name in ("rising", "falling", "common"))
+    counted, kinds = false["counted"], "+".join(false["counted"]["kinds"])
+    line = (
+        f"{document['world']:20s} {counted['per_year']:.3f}/y (≤ {counted['at_most']:.3f}, asked {goal['false_advisories']:g}, {kinds}): "
+        f"{each} again {again} in {document['robot_years']:.0f} y; "
+        + ", ".join(f"day {part['from_day']:.0f}–{part['to_day']:.0f} {part['per_year']:.2f}" for part in false["by_life"])
+    )
+    for row in document["detection"]:
+        median, p90 = ("never" if row[key] is None else f"{row[key]:.0f}" for key in ("median_days", "p90_days"))
+        asked = f" asked {goal['median_days'][row['wear']]:g}" if row["wear"] in goal["median_days"] else ""
+        right = row["right_joint"]["share"]
+        line += (
+            f" | {row['wear']}: {median}/{p90} d{asked}, ≤30 d {_whole(row['within_30_days']['share'])}, "
+            f"never {_whole(row['never']['share'])}, 90 % until then {_whole(row['interval_90_undetected'])}, right {_whole(right)}, "
+            f"before {row['raised_before']}/{row['arms'] + row['raised_before']}"
+        )
+        for life in row["remaining_life"]:
+            ratio = "–" if life["p50_over_truth"] is None else f"{life['p50_over_truth']:.2f}"
+            line += (
+                f", at {life['at_share_of_life']:g} of life: holds {_whole(life['p10_p90_holds']['share'])}, "
+                f"near {_whole(life['p50_near']['share'])}, P50/truth {ratio}, no date {life['without_date']}/{life['asked']}"
+            )
+    cover = document["interval_90"]
+    return f"{line} | 90 %: {_whole(cover['healthy'])} worn {_whole(cover['worn'])} | {document['processor_s']:.0f} s"
+
+
+def _whole(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
