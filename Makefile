@@ -33,7 +33,7 @@ soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and 
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m soak
 
 card: $(STAMP) ## what the verdicts are worth: docs/validation.md from a seeded fleet of 480 arms and 54 worlds, about 50 minutes
-	$(BIN)/python -m monitor.studies.performance_card
+	$(BIN)/python -m tests.evidence.card
 
 docs: $(STAMP) ## the pages that are generated, and the site of all pages in build/site
 	$(BIN)/python docs/site/reference.py

@@ -387,8 +387,8 @@ def _days(days: float | None) -> str:
 
 
 def main() -> None:
-    """`python -m monitor.studies.rehearsal.work_plans [--seed S] [--quiet N] [--step N] [--slow N]`."""
-    parser = argparse.ArgumentParser(prog="python -m monitor.studies.rehearsal.work_plans", description=__doc__)
+    """`python -m tests.evidence.production [--seed S] [--quiet N] [--step N] [--slow N]`."""
+    parser = argparse.ArgumentParser(prog="python -m tests.evidence.production", description=__doc__)
     parser.add_argument("--seed", type=int, default=611)
     for kind, arms in Fleets()._asdict().items():
         parser.add_argument(f"--{kind}", type=at_least_one, default=arms, help="arms of this kind that each plan plays")

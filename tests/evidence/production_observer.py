@@ -308,8 +308,8 @@ def row(name: str, quiet: Observed, slow: Observed, false_a_year: float) -> str:
 
 
 def main() -> None:
-    """`python -m monitor.studies.rehearsal.work_observer [--alone] [--seed S] [--quiet N] [--slow N] [--false F]`."""
-    parser = argparse.ArgumentParser(prog="python -m monitor.studies.rehearsal.work_observer", description=__doc__)
+    """`python -m tests.evidence.production_observer [--alone] [--seed S] [--quiet N] [--slow N] [--false F]`."""
+    parser = argparse.ArgumentParser(prog="python -m tests.evidence.production_observer", description=__doc__)
     parser.add_argument("--seed", type=int, default=611)
     parser.add_argument("--quiet", type=at_least_one, default=100, help="arms without wear")
     parser.add_argument("--slow", type=at_least_one, default=100, help="arms of which one joint wears by 10 %% a year")

@@ -1,4 +1,4 @@
-"""`python -m monitor.studies.rehearsal.worlds NAME [NAME…|all]`: one line a world."""
+"""`python -m tests.evidence.worlds NAME [NAME…|all]`: one line a world."""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ def main() -> None:
     """Play the worlds that the command line names."""
     listed = "\n".join(f"  {name:22s}{world.sentence}" for name, world in WORLDS.items())
     parser = argparse.ArgumentParser(
-        prog="python -m monitor.studies.rehearsal.worlds",
+        prog="python -m tests.evidence.worlds",
         description=__doc__,
         epilog=f"{COUNTED}\n\nWorlds:\n{listed}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

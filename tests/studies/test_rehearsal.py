@@ -17,11 +17,11 @@ from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.learn import begin, learn
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
-from monitor.studies.performance_card import card, notes
 from monitor.studies.rehearsal import rehearse as detection
 from monitor.studies.rehearsal.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.rehearse import Covered, Kind, Reported, delay, detection_row, false_alarms, life, onsets, rehearse
+from tests.evidence.card import card, notes
 
 NOTHING = Covered(float("nan"), float("nan"))
 ASSESS = AssessSettings()

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.evidence.worlds_card import WORLDS_HEAD, arms_of, worlds_section
 
 from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.judge.assess import AssessSettings
-from monitor.studies.performance_card import END, with_worlds
 from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.worlds.fleet import WorldFleet
 from monitor.studies.worlds.laws import (
@@ -38,6 +36,8 @@ from monitor.studies.worlds.laws import (
 )
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import Episodes, LifeAnswer, judge_world, life_documents, play_world, world_document, world_line
+from tests.evidence.card import END, with_worlds
+from tests.evidence.worlds_card import WORLDS_HEAD, arms_of, worlds_section
 
 pytestmark = pytest.mark.xdist_group("worlds")  # one worker judges each world once
 

@@ -27,6 +27,7 @@ from monitor.store.history.events import AlertEvent
 from monitor.store.history.maintenance import Amendment, MaintenanceRow
 from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
+from monitor.studies.reassess import identify_month
 from monitor.studies.reassess.identify_month import (
     JUDGES,
     REFUSED,
@@ -318,11 +319,11 @@ class _Judge:
         if replay.made_with is None:
             return self._gone("made before the settings of a verdict were kept with it")
         row, settings = self._months.replay(replay), self._settings_of(replay.made_with)
-        if row is None or row.state == RECORDING_GONE:
+        if row is None or row.state == identify_month.GONE:
             if row is not None and row.reason != PRUNED:
                 self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             return self._gone("no identification" if row is None else row.reason)
-        if row.state == RECORDING_CHANGED:
+        if row.state == identify_month.CHANGED:
             self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             self.left_out["changed"] += 1
             return None, f"{CHANGED}{row.reason}"

@@ -17,8 +17,8 @@ from monitor.studies.figures import Share, at_least_one
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, Kind, detected, rehearse
-from tests.evidence.worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 from tests.evidence.torque import study_arm, summary, surrogate
+from tests.evidence.worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 
 TARGET = Path("docs/validation.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"
@@ -314,8 +314,8 @@ def _by_baseline(spans: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """`python -m monitor.studies.performance_card [--arms N] [--seed S] [--output FILE]`."""
-    parser = argparse.ArgumentParser(prog="python -m monitor.studies.performance_card", description=__doc__)
+    """`python -m tests.evidence.card [--arms N] [--seed S] [--output FILE]`."""
+    parser = argparse.ArgumentParser(prog="python -m tests.evidence.card", description=__doc__)
     parser.add_argument("--arms", type=at_least_one, default=480, help="on which nothing wears; six times as many have a 5 %% step")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--workers", type=int, default=None, help="processes; as many as there are cores")
