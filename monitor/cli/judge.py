@@ -211,8 +211,8 @@ def reassess(
     as_json: JsonOption = False,
 ) -> None:
     """The past by today's program or other settings: which alerts come earlier, later, no more, or anew. Exit 1: one arm failed."""
+    from monitor.studies.reassess.plan import read_changes
     from monitor.studies.reassess.reassess import reassess as again
-    from monitor.studies.reassess.settings import read_changes
     from monitor.views.plots.picture import needs_drawing
     from monitor.views.terminal.progress import count_progress
     from monitor.views.terminal.reassess import print_reassessment
@@ -260,8 +260,7 @@ def prior(
     from monitor.judge.drift.settings import DriftSettings
     from monitor.judge.temperature.laws import TemperatureSettings
     from monitor.publish.timestamps import rfc3339
-    from monitor.studies.fleet_prior.histories import arms_of
-    from monitor.studies.fleet_prior.learn import learn_prior
+    from monitor.studies.fleet_prior import arms_of, learn_prior
     from monitor.views.terminal.progress import status
     from monitor.views.terminal.studies import print_prior
 

@@ -176,7 +176,7 @@ def demo(
     as_json: JsonOption = False,
 ) -> None:
     """The main job with nothing installed around it: a simulated UR5, weeks of replays, a joint that wears."""
-    from monitor.studies.demo.ticker import Ticker
+    from monitor.studies.demo.display import Ticker
 
     with Ticker(lambda line: typer.echo(line, err=as_json), "loading the program") as ticker:
         from monitor.studies.demo.play import play
@@ -200,8 +200,7 @@ def try_it(
 ) -> None:
     """Months in minutes: the real daemon with page and alerts, beside a simulated arm that wears. Nothing real moves."""
     from monitor.simulate.scenario import load_scenario
-    from monitor.studies.trial.plan import Trial
-    from monitor.studies.trial.play import play
+    from monitor.studies.trial import Trial, play
 
     if not LEAST_SPEED <= speed <= MOST_SPEED:
         raise BadInput(f"--speed {speed:g}: expected {LEAST_SPEED:g} to {MOST_SPEED:g}")
