@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -34,22 +34,31 @@ from monitor.store.provenance import differences, provenance
 from monitor.store.store import Store
 
 MOST_LISTED = 20  # assessments in the list of differences, and figures of each
-# beginnings of the reason why a verdict cannot be repeated: its recording is not there any more, or is not the one that was made
-GONE, CHANGED = "gone: ", "changed: "
 
 Change = AlertEvent | Amendment | DayOfProduction  # of the estimator's state between two replays
+
+
+class Unjudged(NamedTuple):
+    """Why a replay has no verdict when it is judged once more."""
+
+    cause: Literal["gone", "changed", "refused", "rejected"]  # its recording: not there any more, another one, cannot be read, not trusted
+    why: str
+
+    @property
+    def without_recording(self) -> bool:
+        """Whether what was recorded is not there any more, or is not what was recorded."""
+        return self.cause in ("gone", "changed")
 
 
 class Repeated(NamedTuple):
     """One replay, judged once more."""
 
     replay: JudgedReplay
-    outcome: Assessment | None  # None: it was not, see `why`
-    why: str
+    outcome: Assessment | Unjudged | None  # None: the state before it was not known
     known: bool  # whether the state before it was known
 
 
-Judge = Callable[[JudgedReplay, EstimatorState], tuple[Assessment | None, str]]  # the outcome; None with the reason
+Judge = Callable[[JudgedReplay, EstimatorState], Assessment | Unjudged]
 Amend = Callable[[EstimatorState | None, list[Change]], EstimatorState | None]  # the state after what was changed between two replays
 
 
@@ -70,9 +79,9 @@ def repeat(
             between.append(changes.popleft())
         state = amend(state, between)
         known = state is not None
-        outcome, why = (None, "") if state is None else judge(replay, state)
-        yield Repeated(replay, outcome, why, known)
-        if outcome is not None:
+        outcome = None if state is None else judge(replay, state)
+        yield Repeated(replay, outcome, known)
+        if isinstance(outcome, Assessment):
             state = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model if models else None)
         elif replay.assessed and not (go_on and state is not None and state.belief is not None):
             state = None
@@ -108,18 +117,18 @@ class Tally:
         """Count one more verdict."""
         replay = each.replay
         self._note_what_changed(replay)
-        if each.outcome is not None:
+        if isinstance(each.outcome, Assessment):
             wrong = differences(self._store.assessments.document(replay.ledger_id), each.outcome.as_document())
             self._counts["different" if wrong else "identical"] += 1
             if wrong and len(self._differing) < MOST_LISTED:
                 self._differing.append({"replay": replay.ledger_id, "figures": len(wrong), "differs": wrong[:MOST_LISTED]})
-        elif each.known and each.why and not each.why.startswith((GONE, CHANGED)):
+        elif each.outcome is not None and not each.outcome.without_recording:
             self._counts["different"] += 1
-            self._differing.append({"replay": replay.ledger_id, "figures": 1, "differs": [each.why]})
+            self._differing.append({"replay": replay.ledger_id, "figures": 1, "differs": [each.outcome.why]})
         else:
             self._counts["not_recomputable"] += 1
-            if each.why.startswith(CHANGED):
-                self._other_recordings.append({"replay": replay.ledger_id, "why": each.why.removeprefix(CHANGED)})
+            if each.outcome is not None and each.outcome.cause == "changed":
+                self._other_recordings.append({"replay": replay.ledger_id, "why": each.outcome.why})
 
     def document(self) -> dict[str, Any]:
         """The counts, the differences, and their possible causes."""
@@ -144,28 +153,28 @@ class Tally:
                 self._changed |= {f"parameters of the {made_with['robot']}": None}
 
 
-def _repeated(store: Store, verdict: JudgedReplay, state: EstimatorState) -> tuple[Assessment | None, str]:
-    """The assessment once more; None with the reason where that is not possible."""
-    made, why = _inputs(store, verdict, state)
-    if made is None:
-        return None, why
+def _repeated(store: Store, verdict: JudgedReplay, state: EstimatorState) -> Assessment | Unjudged:
+    """The assessment once more, or why that is not possible."""
+    made = _inputs(store, verdict, state)
+    if isinstance(made, Unjudged):
+        return made
     try:
         outcome = assessed(*made)
     except BadInput as error:
-        return None, f"cannot be assessed any more: {error}"
-    return (None, f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else (outcome, "")
+        return Unjudged("refused", f"cannot be assessed any more: {error}")
+    return Unjudged("rejected", f"is rejected now: {outcome.reason}") if isinstance(outcome, Rejected) else outcome
 
 
-def _inputs(store: Store, verdict: JudgedReplay, state: EstimatorState) -> tuple[tuple[Recording, Inputs] | None, str]:
-    """Recording and inputs of a past assessment from a state; None with the reason where they are gone."""
+def _inputs(store: Store, verdict: JudgedReplay, state: EstimatorState) -> tuple[Recording, Inputs] | Unjudged:
+    """Recording and inputs of a past assessment from a state, or why they are not there."""
     try:
         recording = read_recording(store.archived.path(verdict.ledger_id))
     except BadInput as error:
-        return None, f"{GONE}{error}"
+        return Unjudged("gone", str(error))
     except ArchiveConflict as error:
-        return None, f"{CHANGED}{error}"
+        return Unjudged("changed", str(error))
     if verdict.made_with is None:
-        return None, f"{GONE}made before the settings of a verdict were kept with it"
+        return Unjudged("gone", "made before the settings of a verdict were kept with it")
     with_ = store.assessments.provenance(verdict.made_with)
     gains = with_["gains_nm_per_a"]
     inputs = Inputs(
@@ -175,13 +184,13 @@ def _inputs(store: Store, verdict: JudgedReplay, state: EstimatorState) -> tuple
         settings=settings_from_document(AssessSettings, with_["settings"]),
         state=state,
     )
-    return (recording, inputs), ""
+    return recording, inputs
 
 
 def _model_of(store: Store, verdict: JudgedReplay, belief: Belief) -> CompensatedModel | None:
     """The torque model after a past assessment, which a checkpoint does not hold; None where the recording is gone."""
-    made, _ = _inputs(store, verdict, EstimatorState(belief=belief))
-    if made is None:
+    made = _inputs(store, verdict, EstimatorState(belief=belief))
+    if isinstance(made, Unjudged):
         return None
     recording, inputs = made
     try:
@@ -229,8 +238,8 @@ def _without_later(store: Store, now_unix_s: float) -> EstimatorState | None:
     since = verdicts[start - 1].judged_at_unix_s if start else -math.inf
     for verdict in verdicts[start:]:
         between = [change for change in changes if since <= change.at_unix_s < verdict.judged_at_unix_s]
-        outcome, _ = _repeated(store, verdict, amended(store, known, between) or known)
-        if outcome is None:
+        outcome = _repeated(store, verdict, amended(store, known, between) or known)
+        if isinstance(outcome, Unjudged):
             return None
         known = EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
         since = verdict.judged_at_unix_s
@@ -256,9 +265,9 @@ def _repeated_since(store: Store, start: EstimatorState, since_unix_s: float, mo
         )
     state = start
     for verdict in verdicts:
-        outcome, why = _repeated(store, verdict, state)
-        if outcome is None:
-            raise BadInput(f"replay {verdict.ledger_id} has been learnt from since, and cannot be judged once more: {why}")
+        outcome = _repeated(store, verdict, state)
+        if isinstance(outcome, Unjudged):
+            raise BadInput(f"replay {verdict.ledger_id} has been learnt from since, and cannot be judged once more: {outcome.why}")
         state = EstimatorState(belief=outcome.belief, health=outcome.health, model=start.model)
     return state, len(verdicts)
 

@@ -21,7 +21,7 @@ from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
-from monitor.service.history.recompute import CHANGED, GONE, Change, Tally, amended, judge_day, repeat
+from monitor.service.history.recompute import Change, Tally, Unjudged, amended, judge_day, repeat
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.maintenance import Amendment, MaintenanceRow
@@ -44,9 +44,9 @@ from monitor.studies.reassess.identify_month import (
 from monitor.studies.reassess.identify_month import KIND as IDENTIFIED
 from monitor.studies.reassess.plan import PRUNED, Arm, replays_of, require_folder, settings_with
 
-SAME, EARLIER, LATER, NO_MORE, NEW = "same", "earlier", "later", "gone", "new"
+SAME, EARLIER, LATER, GONE, NEW = "same", "earlier", "later", "gone", "new"
 UNKNOWN = "unknown"  # a replay said it that cannot be judged any more
-CHANGES = (EARLIER, LATER, NO_MORE, NEW, UNKNOWN, SAME)
+CHANGES = (EARLIER, LATER, GONE, NEW, UNKNOWN, SAME)
 
 
 class Said(NamedTuple):
@@ -140,7 +140,7 @@ def _row(one: Episode, tier: str, then: float | None, now: float | None, unjudge
     if then in unjudged:
         change, now = UNKNOWN, None if now == then else now  # equal: only copied
     elif then is None or now is None:
-        change = NEW if then is None else NO_MORE
+        change = NEW if then is None else GONE
     else:
         days = (now - then) / DAY_S
         change = SAME if days == 0.0 else EARLIER if days < 0.0 else LATER
@@ -276,13 +276,13 @@ def _judged(store: Store, replays: Sequence[JudgedReplay], months: "_Months", ch
         outcome, replay = each.outcome, each.replay
         if replay.assessed and not changes:
             tally.add(each)
-        if outcome is not None:
+        if isinstance(outcome, Assessment):
             accepted += not replay.assessed
             said += [Said.of(transition.kind, plain(transition.alert)) for transition in outcome.transitions]
             tracks.add(outcome)
             continue
         judge.left_out["unknown_state"] += not each.known
-        gone = each.why.startswith((GONE, CHANGED))
+        gone = outcome is not None and outcome.without_recording
         if not each.known or gone:
             unjudged.add(replay.recorded_at_unix_s)
         if not each.known or (gone and not (changes and tracks.count)):  # the state that follows is one of the history, with its alerts
@@ -314,8 +314,8 @@ class _Judge:
         self._store, self._months, self._changes = store, months, changes
         self._settings: dict[str, AssessSettings] = {}
 
-    def __call__(self, replay: JudgedReplay, state: EstimatorState) -> tuple[Assessment | None, str]:
-        """The assessment; None with the reason."""
+    def __call__(self, replay: JudgedReplay, state: EstimatorState) -> Assessment | Unjudged:
+        """The assessment, or why there is none."""
         if replay.made_with is None:
             return self._gone("made before the settings of a verdict were kept with it")
         row, settings = self._months.replay(replay), self._settings_of(replay.made_with)
@@ -326,7 +326,7 @@ class _Judge:
         if row.state == identify_month.CHANGED:
             self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             self.left_out["changed"] += 1
-            return None, f"{CHANGED}{row.reason}"
+            return Unjudged("changed", row.reason)
         outcome: Assessment | Rejected | None = refusal(row.context, row.quality, row.samples, state.belief, settings.trust)
         try:
             if outcome is None and row.state == UNIDENTIFIABLE:
@@ -339,15 +339,15 @@ class _Judge:
                 )
         except BadInput as error:
             self.errors.append({"replay": replay.ledger_id, "reason": str(error)})
-            return None, f"cannot be assessed any more: {error}"
+            return Unjudged("refused", f"cannot be assessed any more: {error}")
         if isinstance(outcome, Assessment):
-            return outcome, ""
+            return outcome
         self.left_out["rejected"] += 1
-        return None, f"is rejected now: {'' if outcome is None else outcome.reason}"
+        return Unjudged("rejected", f"is rejected now: {'' if outcome is None else outcome.reason}")
 
-    def _gone(self, reason: str) -> tuple[None, str]:
+    def _gone(self, reason: str) -> Unjudged:
         self.left_out["gone"] += 1
-        return None, f"{GONE}{reason}"
+        return Unjudged("gone", reason)
 
     def _settings_of(self, made_with: str) -> AssessSettings:
         if made_with not in self._settings:
