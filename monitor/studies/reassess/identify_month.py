@@ -31,8 +31,7 @@ from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Context, Recording
 from monitor.service.history.assess_and_store import robot_digest
 from monitor.service.history.recompute import settings_from_document
-from monitor.store.archive.places import open_place
-from monitor.store.archive.places import ArchiveSettings
+from monitor.store.archive.places import ArchiveSettings, open_place
 from monitor.store.formats.recordings import RecordingFolder, recording_of
 from monitor.store.provenance import provenance
 from monitor.studies.reassess.plan import Files, Month, ReadAhead, Stored
