@@ -4,7 +4,10 @@ A `MonitorError` is a sentence for a person: what was wrong, where, and what wou
 and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
-from monitor.reason import Reason, reason_of
+from monitor.reason import Reason, Sentence, reason_of
+
+DOES_NOT_HOLD = Sentence("condition_does_not_hold", "{condition}: {why}")
+AFTER_IT = Sentence("after_it", "{ended}; after it {what}")
 
 
 class MonitorError(Exception):
@@ -35,6 +38,11 @@ class MotionRefused(MonitorError):
     """A guard does not allow the arm to move. Nothing was sent to the arm."""
 
     exit_code = 2
+
+    @property
+    def condition(self) -> str | None:
+        """The name of the condition that does not hold; None where it is none of those of a motion."""
+        return str(self.reason.parameters["condition"]) if self.reason.code == DOES_NOT_HOLD.code else None
 
 
 class RobotUnreachable(MonitorError):
@@ -83,7 +91,7 @@ class ReplayAborted(MonitorError):
         *,
         moved: bool = False,
         at_rest: bool = False,
-        unknown: str | None = None,
+        unknown: Reason | None = None,
         phase: str = "",
         home_q: tuple[float, ...] = (),
         borrowed: bool = False,
@@ -107,16 +115,15 @@ class ReplayAborted(MonitorError):
         """
         return self.cause not in self.HARMLESS or self.unknown is not None or self.borrowed
 
-    def known(self, unknown: str | None) -> "ReplayAborted":
+    def known(self, unknown: Reason | None) -> "ReplayAborted":
         """The same end after a look at the arm; the message says what is `unknown` after it."""
-        message = str(self) if unknown is None else f"{self}; after it {unknown}"
-        return self._with(message, self.cause, unknown)
+        return self._with(self.reason if unknown is None else AFTER_IT(ended=self.reason, what=unknown), self.cause, unknown)
 
-    def stopped(self, cause: str, text: str, unknown: str | None) -> "ReplayAborted":
+    def stopped(self, cause: str, stop: Reason, unknown: Reason | None) -> "ReplayAborted":
         """The same end, of which a stop by the robot's safety system turned out to be the cause."""
-        return self._with(f"{self}; after it {text}", cause, unknown)
+        return self._with(AFTER_IT(ended=self.reason, what=stop), cause, unknown)
 
-    def _with(self, message: str, cause: str, unknown: str | None) -> "ReplayAborted":
+    def _with(self, message: Reason, cause: str, unknown: Reason | None) -> "ReplayAborted":
         return ReplayAborted(
             message,
             cause,

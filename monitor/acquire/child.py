@@ -21,12 +21,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from monitor.acquire.driver import SessionEnded
+from monitor.reason import ANYTHING
 from monitor.recording import Array
 
 HEADER = struct.Struct("<BI")  # kind, length of the body in bytes
 ROW, MESSAGE = 0, 1
 LARGEST_BODY = 4096 - HEADER.size  # bytes; the kernel writes up to PIPE_BUF = 4096 bytes whole or not at all
-LONGEST_TEXT = 1000  # characters of a message's text, so that every message fits into one frame
+LONGEST_TEXT = 1000  # characters of a reason's text where the whole reason does not fit into one frame
 
 
 def row_frame(row: Array) -> bytes:
@@ -35,11 +36,12 @@ def row_frame(row: Array) -> bytes:
 
 
 def message_frame(kind: str, content: dict[str, Any]) -> bytes:
-    """The frame of one message: a JSON object with its kind. A text is cut after LONGEST_TEXT characters."""
-    text = content.get("text")
-    if isinstance(text, str):
-        content = {**content, "text": text[:LONGEST_TEXT]}
-    return _frame(MESSAGE, json.dumps({"kind": kind, **content}).encode())
+    """The frame of one message: a JSON object with its kind. Of a `reason` too long for a frame, the beginning of its text is sent."""
+    body = json.dumps({"kind": kind, **content}).encode()
+    if len(body) > LARGEST_BODY and "reason" in content:
+        short = ANYTHING(text=content["reason"]["text"][:LONGEST_TEXT]).document()
+        body = json.dumps({"kind": kind, **content, "reason": {**short, "parameters": {}}}).encode()
+    return _frame(MESSAGE, body)
 
 
 def _frame(kind: int, body: bytes) -> bytes:

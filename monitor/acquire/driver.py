@@ -23,6 +23,7 @@ from monitor.design.cell import cell_from_document
 from monitor.errors import MonitorError
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Robot, load_robot
+from monitor.reason import Reason
 from monitor.recording import Array, Context
 
 
@@ -34,7 +35,7 @@ class SafetyStop(NamedTuple):
     """A stop by the robot's own safety system."""
 
     cause: str  # protective_stop, safeguard_stop, emergency_stop or safety
-    text: str
+    reason: Reason
 
 
 class ReportedError(NamedTuple):
@@ -162,8 +163,8 @@ class Driver(Protocol):
         """A session that plays one replay, as `protocol` has it. Raises SessionEnded where no process can be started.
 
         It sends the rows of the play, and each event of the protocol as a message of that `kind`: that of a phase with its `duration_s`;
-        the last words STOPPED and FAILED with a `cause` and a `text`, REFUSED and UNREACHABLE with a `text`. Beside these: `state` with a
-        `row` while it waits in the phase READY; `passed_by` with a `text` for each node at which the arm was not taken; `alive`, and
+        the last words STOPPED and FAILED with a `cause` and a `reason`, REFUSED and UNREACHABLE with a `reason`. Beside these: `state` with
+        a `row` while it waits in the phase READY; `passed_by` with a `reason` for each node at which the arm was not taken; `alive`, and
         `waiting` while the robot's next row is late.
         It takes the words GO, without which nothing moves, STOP, BACK, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. A session that was not told GO gives a lent arm back after STOP, after whatever it refuses itself,

@@ -18,6 +18,7 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
 from monitor.acquire.watch import Watch
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.reason import Reason, Sentence, reason_from
 
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
 LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
@@ -40,6 +41,22 @@ def end_program(watch: Watch, driver: Driver) -> OurEnd | None:
     return end
 
 
+AT_HOST = Sentence("at_host", "{host}: {why}")
+NO_CONNECTION = Sentence("no_connection", "{host}: no RTDE connection: {why}")
+REPLACED_BY_ANOTHER = Sentence("replaced_by_another", "somebody else's program was started in the place of ours; {why}")
+LAST_WORDS_PRINTED = Sentence("last_words", "{why}; its last words: {printed!r}")
+AND_THEN = Sentence("and_then", "{first}; {then}")
+CAUSED = Sentence("caused", "{cause}: {why}")
+NOT_CONFIRMED = Sentence("stop_not_confirmed", "THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm")
+PROGRAM_LOST = Sentence(
+    "program_lost",
+    "the program that lent the arm has ended and does not go on: bring the arm where the program can begin, and start it",
+)
+PROGRAM_UNKNOWN = Sentence("program_unknown", "it is not known whether our program has ended")
+ENDED_IN_PHASE = Sentence("ended_in_phase", "{host}: {cause} in the phase {phase!r}: {why}")
+ENDED_BEFORE = Sentence("ended_before", "{host}: {cause} before anything moved: {why}")
+
+
 def how_it_ended(
     watch: Watch, driver: Driver, end: OurEnd | None, death: Interruption, printed: str, home_q: tuple[float, ...]
 ) -> MonitorError:
@@ -49,40 +66,45 @@ def how_it_ended(
     that process. home_q : (J,) [rad] where the arm should have come back to; empty: not known.
     """
     message, host, state = watch.last_word, watch.settings.host, watch.state
+    said = None if message is None else reason_from(message["reason"])
     if message is not None and message["kind"] == Event.REFUSED:
-        return MotionRefused(f"{host}: {message['text']}")
+        return MotionRefused(AT_HOST(host=host, why=said))
     if message is not None and message["kind"] == Event.UNREACHABLE:
-        return RobotUnreachable(message["text"])
-    if message is not None:
-        cause, text = message["cause"], message["text"]
+        return RobotUnreachable(said or "")
+    if message is not None and said is not None:
+        cause, why = message["cause"], said
     else:
-        cause, text = death
+        cause, why = death
         # a silent process that was given up may have been dying of a lost connection already
         dying = state.gone and cause == "connection_lost"
         if watch.interruption is not None and not (watch.interruption.cause == "timeout" and dying):
-            cause, text = watch.interruption
+            cause, why = watch.interruption
         elif cause == "stalled" and end == "replaced":  # a command waits for our program, which is not there any more
-            cause, text = "program_stopped", f"somebody else's program was started in the place of ours; {text}"
+            cause, why = "program_stopped", REPLACED_BY_ANOTHER(why=why)
         elif printed:
-            text += f"; its last words: {printed[-PRINTED_TAIL:]!r}"
+            why = LAST_WORDS_PRINTED(why=why, printed=printed[-PRINTED_TAIL:])
     if not state.moved and cause == "timeout":
-        return RobotUnreachable(f"{host}: no RTDE connection: {text}")
+        return RobotUnreachable(NO_CONNECTION(host=host, why=why))
     if watch.asked is not None and cause == "parent_asked_to_stop" != watch.asked.cause:  # the session knows only that it was asked
-        cause, text = watch.asked.cause, f"{watch.asked.text}; {text}"
+        cause, why = watch.asked.cause, AND_THEN(first=watch.asked.reason, then=why)
     if cause in ReplayAborted.HARMLESS and end in {"ended", "replaced"} and (stop := driver.safety_stop(host)):
         # the session did not live to see this stop, or saw only that the program stopped
-        cause, text = stop.cause, f"{stop.text}; {cause}: {text}"
-    where = f"in the phase {watch.phase.value!r}" if state.gone else "before anything moved"
-    outcome = "; THE CONTROLLER DID NOT CONFIRM THE STOP: look at the arm" if state.unknown else ""
-    if state.lent:
-        outcome += "; the program that lent the arm has ended and does not go on: bring the arm where the program can begin, and start it"
+        cause, why = stop.cause, AND_THEN(first=stop.reason, then=CAUSED(cause=cause, why=why))
+    outcome = [NOT_CONFIRMED()] if state.unknown else []
+    outcome += [PROGRAM_LOST()] if state.lent else []
+    if state.gone:
+        ended = ENDED_IN_PHASE(host=host, cause=cause, phase=watch.phase.value, why=why)
+    else:
+        ended = ENDED_BEFORE(host=host, cause=cause, why=why)
+    for each in outcome:
+        ended = AND_THEN(first=ended, then=each)
     given_back = state.program is Program.GOES_ON
     return ReplayAborted(
-        f"{host}: {cause} {where}: {text}{outcome}",
+        ended,
         cause,
         moved=state.moved,
         at_rest=message is not None and message["kind"] == Event.STOPPED,
-        unknown="it is not known whether our program has ended" if state.unknown else None,
+        unknown=PROGRAM_UNKNOWN() if state.unknown else None,
         phase="" if given_back or watch.last_motion is None else watch.last_motion.value,  # the program that has its arm back moves it now
         home_q=home_q,
         borrowed=state.lent,
@@ -95,8 +117,19 @@ class ArmAfter:
     `state` is what the controller reported; None where it did not answer.
     """
 
-    def __init__(self, stop: SafetyStop | None, unknown: str | None, state: ArmState | None = None) -> None:
+    def __init__(self, stop: SafetyStop | None, unknown: Reason | None, state: ArmState | None = None) -> None:
         self.stop, self.unknown, self.state = stop, unknown, state
+
+
+NO_ANSWER = Sentence(
+    "no_answer_after",
+    "the controller did not answer for {lasted_s:.0f} s: it is not known whether the arm came to rest, whether it has power, and whether "
+    "its safety system stopped it",
+)
+A_PROGRAM_RUNS = Sentence(
+    "a_program_runs", "a program is {name:word}: it is not known whether it is ours, and whether the arm came to rest"
+)
+NOT_STILL = Sentence("not_still", "the arm does not stand still")
 
 
 def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool] = lambda: False) -> ArmAfter:
@@ -114,11 +147,14 @@ def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: 
         if found is None and lasted_s > patience_s:
             return ArmAfter(
                 None,
-                f"the controller did not answer for {lasted_s:.0f} s: it is not known whether the arm came to rest, whether it has power, "
-                "and whether its safety system stopped it",
+                NO_ANSWER(lasted_s=lasted_s),
             )
         if found is not None and (found.unknown is None or found.stop is not None or lasted_s > patience_s):
             return found
+
+
+SAFETY_MODE_AFTER = Sentence("safety_mode_after", "the controller's safety mode is {mode} ({name:word}), bits {bits:#x}")
+ROBOT_MODE_AFTER = Sentence("robot_mode_after", "the robot mode is {mode} ({name:word})")
 
 
 def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
@@ -127,23 +163,23 @@ def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
         return None
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        text = f"the controller's safety mode is {state.safety_mode} ({name}), bits {state.safety_bits:#x}"
+        text = SAFETY_MODE_AFTER(mode=state.safety_mode, name=name, bits=state.safety_bits)
         return ArmAfter(SafetyStop(SAFETY_CAUSES.get(state.safety_mode, "safety"), text), text, state)
     if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        text = f"the robot mode is {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})"
+        text = ROBOT_MODE_AFTER(mode=state.robot_mode, name=names.ROBOT_MODES.get(state.robot_mode, "unknown"))
         return ArmAfter(SafetyStop("robot_mode", text), text, state)
     if clean:
         return ArmAfter(None, None, state)
     if state.runtime_state != names.RUNTIME_STOPPED:
         name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return ArmAfter(None, f"a program is {name}: it is not known whether it is ours, and whether the arm came to rest", state)
+        return ArmAfter(None, A_PROGRAM_RUNS(name=name), state)
     if not np.all(np.abs(state.qd) <= names.STANDSTILL_RAD_S):  # also where a speed is no number
-        return ArmAfter(None, "the arm does not stand still", state)
+        return ArmAfter(None, NOT_STILL(), state)
     return ArmAfter(None, None, state)
 
 
 def judged_end(error: ReplayAborted, after: ArmAfter) -> ReplayAborted:
     """The same end of a replay, with what is known of the arm after it. A stop by the robot's safety system is the cause of any end."""
     if after.stop is not None:
-        return error.stopped(after.stop.cause, after.stop.text, after.unknown)
+        return error.stopped(after.stop.cause, after.stop.reason, after.unknown)
     return error.known(after.unknown)

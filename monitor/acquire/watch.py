@@ -14,7 +14,8 @@ from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, Identity, arm_state
-from monitor.errors import RobotUnreachable
+from monitor.errors import MonitorError, RobotUnreachable
+from monitor.reason import Reason, Sentence, reason_from, reason_of
 from monitor.recording import Array
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
@@ -59,8 +60,17 @@ class Caller:
     ask: AskPermit | None = None  # asks for somebody else's permit, again and again while the arm moves
     begin: Callable[[Identity], None] = lambda _: None  # just before the arm may move; what it raises ends the replay, and nothing moves
     should_stop: Callable[[], bool] = lambda: False  # asked about every 50 ms …
-    forbidden: Callable[[], str | None] = lambda: None  # … and so is this: why the arm may not move any longer
+    forbidden: Callable[[], str | Reason | None] = lambda: None  # … and so is this: why the arm may not move any longer
     on_progress: Callable[[ReplayProgress], None] | None = None
+
+
+BEFORE_IT_MOVED = Sentence("before_it_moved", "{why} before the arm moved")
+REFUSED_MEANWHILE = Sentence("refused_meanwhile", "the motion is refused: {why}")
+STOP_REQUESTED = Sentence("stop_requested", "stopped on request")
+SESSION_SAYS = Sentence("session_says", "the session says {event}")
+PHASE_TOO_LONG = Sentence("phase_too_long", "the phase {phase!r} took longer than {limit_s:.1f} s")
+SESSION_SILENT = Sentence("session_silent", "the child process said nothing for {silent_ms:.0f} ms in the phase {phase!r}")
+NOT_AT_REST = Sentence("not_at_rest", "{why}; the arm did not come to rest by itself within {limit_s:g} s of the request")
 
 
 class Watch:
@@ -175,7 +185,7 @@ class Watch:
         if reason is None:
             return
         if not self.state.gone and not self.state.needs_its_session:  # nothing moves yet
-            self.asked, self.interruption = reason, Interruption(reason.cause, f"{reason.text} before the arm moved")
+            self.asked, self.interruption = reason, Interruption(reason.cause, BEFORE_IT_MOVED(why=reason.reason))
             return
         back = self.state.lent and self.state.allows(Event.BACK) and reason.cause == "parent_asked_to_stop"
         self._order(session, Event.BACK if back else Event.STOP, reason, now)
@@ -205,12 +215,13 @@ class Watch:
             if not self.state.needs_its_session:
                 raise
             self.refusal = error
-            self._order(session, Event.STOP, Interruption("parent_asked_to_stop", f"the motion is refused: {error}"), now)
+            why = error.reason if isinstance(error, MonitorError) else str(error)
+            self._order(session, Event.STOP, Interruption("parent_asked_to_stop", REFUSED_MEANWHILE(why=why)), now)
 
     def _reason_to_stop(self) -> Interruption | None:
         """Why the arm must come to rest, along its path."""
         if self.caller.should_stop():
-            return Interruption("parent_asked_to_stop", "stopped on request")
+            return Interruption("parent_asked_to_stop", STOP_REQUESTED())
         return self._forbidden()
 
     def _reason_against_motion(self) -> Interruption | None:
@@ -220,7 +231,7 @@ class Watch:
 
     def _forbidden(self) -> Interruption | None:
         if (why := self.caller.forbidden()) is not None:
-            return Interruption("motion_forbidden", why)
+            return Interruption("motion_forbidden", reason_of(why))
         return self.oversight.finding
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
@@ -237,7 +248,7 @@ class Watch:
         if kind == "state":
             self.arm = arm_state(np.array(frame["row"], dtype=float))
         elif kind == "passed_by":
-            self._passed_by = frame["text"]
+            self._passed_by = reason_from(frame["reason"]).text
         elif kind not in NO_EVENTS and self.last_word is None:
             self._hear(Event(kind), frame)
 
@@ -246,7 +257,8 @@ class Watch:
         try:
             self.state = self.state.after(event)
         except Unexpected as unexpected:
-            event, frame = Event.FAILED, {"cause": "internal", "text": f"the session says {unexpected}", **frame, "kind": Event.FAILED}
+            said = SESSION_SAYS(event=str(unexpected)).document()
+            event, frame = Event.FAILED, {"cause": "internal", "reason": said, **frame, "kind": Event.FAILED}
             self.state = self.state.after(event)
         if event in LAST_WORDS:
             self.last_word = frame
@@ -258,12 +270,12 @@ class Watch:
         """Whether there is a reason to give the session up; it is remembered as the interruption."""
         settings, phase = self.settings, self.phase.value
         if now - self._phase_at > (limit_s := self._phase_limit_s()):
-            self.interruption = Interruption("timeout", f"the phase {phase!r} took longer than {limit_s:.1f} s")
+            self.interruption = Interruption("timeout", PHASE_TOO_LONG(phase=phase, limit_s=limit_s))
         elif self._silent_s >= min(settings.silence_timeout_s, LONGEST_SILENCE_S) - TIME_ROUNDING_S:
-            text = f"the child process said nothing for {1000.0 * self._silent_s:.0f} ms in the phase {phase!r}"
+            text = SESSION_SILENT(silent_ms=1000.0 * self._silent_s, phase=phase)
             self.interruption = Interruption("timeout", text)
         elif self.asked is not None and not self.state.brings_back and now - self._asked_at > STOP_PATIENCE_S:
-            text = f"{self.asked.text}; the arm did not come to rest by itself within {STOP_PATIENCE_S:g} s of the request"
+            text = NOT_AT_REST(why=self.asked.reason, limit_s=STOP_PATIENCE_S)
             self.interruption = Interruption(self.asked.cause, text)
         return self.interruption is not None
 

@@ -52,10 +52,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     may = all(condition.holds for condition in found)
     bus, gateway = _bus_reach(configuration), _gateway_reach(configuration)
     if as_json:
-        of_motion, of_service = (
-            [{"name": each.name, "holds": each.holds, "checked": each.checked, "told": each.text} for each in part]
-            for part in (found, service)
-        )
+        of_motion, of_service = ([each.document() for each in part] for part in (found, service))
         may_run = all(condition.holds for condition in service)
         about = {"robot": configuration.robot.id, "host": configuration.robot.host, "may_move": may, "may_run": may_run}
         print_json(about | {"service": of_service, "conditions": of_motion, "bus": bus, "gateway": gateway})

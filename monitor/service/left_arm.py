@@ -15,6 +15,7 @@ from monitor.config.schema import Configuration
 from monitor.errors import BadInput, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Sentence
 from monitor.recording import Context
 from monitor.store.store import Store
 
@@ -40,6 +41,11 @@ def left_by(error: ReplayAborted, after: ArmAfter | None, excitation: Excitation
     )
 
 
+IN_VAIN = Sentence("brought_back_in_vain", "it was brought back {times} times in vain")
+NOT_BROUGHT_BACK = Sentence("not_brought_back", "after {cause} it is not brought back")
+NOWHERE_TO_BEGIN = Sentence("nowhere_to_begin", "the arm stands where no motion may begin, and {why}: {condition}: {found}")
+
+
 def with_a_person(error: ReplayAborted, left: Left, after: ArmAfter | None, known: ConditionInputs) -> ReplayAborted:
     """The same end; a person is asked where the next motion could not begin from where the arm stands."""
     if error.needs_a_person or after is None or after.state is None:
@@ -48,10 +54,8 @@ def with_a_person(error: ReplayAborted, left: Left, after: ArmAfter | None, know
     refused = next((each for each in found if not each.holds), None)
     if refused is None:
         return error
-    why = (
-        f"it was brought back {left.failed} times in vain" if left.failed >= MOST_FAILED else f"after {error.cause} it is not brought back"
-    )
-    return error.known(f"the arm stands where no motion may begin, and {why}: {refused.name}: {refused.text}")
+    why = IN_VAIN(times=left.failed) if left.failed >= MOST_FAILED else NOT_BROUGHT_BACK(cause=error.cause)
+    return error.known(NOWHERE_TO_BEGIN(why=why, condition=refused.name, found=refused.reason or refused.text))
 
 
 def let_back(configuration: Configuration, store: Store) -> str:

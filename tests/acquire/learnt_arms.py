@@ -51,7 +51,7 @@ def first_outside(band: TorqueBand, recording: Recording, pass_s: float | None =
     at = [None] * recording.samples if pass_s is None else phases(recording.t_s, SETTINGS.rate_hz, pass_s).tolist()
     for i, row in enumerate(recorded_rows(recording)):
         if outside := band.outside(row, at[i]):
-            return i, outside[1]
+            return i, outside[1].text
     return None
 
 

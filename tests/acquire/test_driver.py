@@ -26,6 +26,7 @@ from monitor.acquire.ur.software import understood
 from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
+from monitor.reason import ANYTHING
 from monitor.recording import Context
 
 UR5 = load_robot("ur5")
@@ -106,6 +107,7 @@ class ScriptedSession:
         if not isinstance(frame, dict) or frame["kind"] not in list(Event):
             return [frame]
         event = Event(frame["kind"])
+        frame = {**frame, "reason": ANYTHING(text=frame["text"]).document()} if "text" in frame else frame
         first = before(self.state, event)
         for each in (*first, event):
             self.state = self.state.after(each) if self.state.allows(each) else self.state
@@ -183,7 +185,7 @@ def test_a_replay_needs_nothing_but_its_driver():
 
 def test_a_session_that_dies_in_control_leaves_a_stopped_robot_and_its_safety_stop_is_the_cause():
     """Without a safety stop the death of the session is the cause."""
-    for stop, cause in ((None, "child_died"), (SafetyStop("protective_stop", "it ran into a box"), "protective_stop")):
+    for stop, cause in ((None, "child_died"), (SafetyStop("protective_stop", ANYTHING(text="it ran into a box")), "protective_stop")):
         driver = ScriptedDriver(ScriptedSession(WAITING, [phase("control"), phase("play"), row(1)], exit_code=-9), stop=stop)
         with pytest.raises(ReplayAborted, match="by signal 9") as aborted:
             replay(short(), UR5, SETTINGS, driver=driver)
@@ -291,7 +293,7 @@ class MovingSession(ScriptedSession):
 
     def frames(self, timeout_s):
         if "stop" in self.sent:
-            yield {"kind": "stopped", "cause": "parent_asked_to_stop", "text": "stopped on request; the arm stands"}
+            yield from self.say({"kind": "stopped", "cause": "parent_asked_to_stop", "text": "stopped on request; the arm stands"})
             return
         if not self.before and not self.after and "go" in self.sent:
             time.sleep(0.008)

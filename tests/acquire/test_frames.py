@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from monitor.acquire.child import LONGEST_TEXT, FrameReader, message_frame, row_frame
 from monitor.acquire.rows import WIDTH
+from monitor.reason import ANYTHING
 
 ROW = np.arange(WIDTH) / 7.0
 STREAM = row_frame(ROW) + message_frame("play", {"duration_s": 3.0}) + row_frame(-ROW)
@@ -27,7 +28,7 @@ def test_frames_are_the_same_after_any_split_of_their_bytes(cuts):
 
 def test_a_long_text_is_cut_and_a_frame_that_is_too_long_is_refused():
     """A frame must fit into one write of a pipe."""
-    (message,) = FrameReader().frames(message_frame("failed", {"cause": "internal", "text": "x" * 5000}))
-    assert message["text"] == "x" * LONGEST_TEXT
+    (message,) = FrameReader().frames(message_frame("failed", {"cause": "internal", "reason": ANYTHING(text="x" * 5000).document()}))
+    assert message["reason"]["text"] == "x" * LONGEST_TEXT
     with pytest.raises(ValueError, match="at most"):
         message_frame("state", {"row": [0.123456789] * 500})

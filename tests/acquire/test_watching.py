@@ -228,7 +228,8 @@ def test_a_node_that_neither_lends_nor_goes_on_is_passed_by_with_its_reason(monk
     words: list[str] = []
     node = SimpleNamespace(taken=False, offered=7, take=lambda number: words.append("take"), release=lambda: words.append("release"))
     taking, arm, told = lending(node)
-    assert "is it paused there?" in taking.take_offered(arm, 7)
+    assert taking.take_offered(arm, 7) == borrow.DEAF
+    assert "is it paused there?" in borrow.DEAF.text
     assert words == ["take", "release"]  # a program that plays on later lends no arm to nobody
     assert not arm.program_sent
     assert told == ["asking", "not_taken"]

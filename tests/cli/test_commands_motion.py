@@ -132,7 +132,7 @@ def test_an_old_controller_that_lacks_variables_is_reported_without_a_crash(remo
         remote.fault("clear")
     assert code == 0
     for name in ("payload", "gravity"):
-        assert found[name]["told"].startswith("not reported")
+        assert found[name]["text"].startswith("not reported")
         assert not found[name]["checked"]
 
 
@@ -142,8 +142,8 @@ def test_an_arm_that_is_not_there_fails_its_conditions(config):
     path.write_text(path.read_text().replace(HOST, "127.0.6.250"))
     code, found = checked(path)
     assert code == 3
-    assert "unknown" in found["safety_mode"]["told"]
-    assert "unknown" in found["remote_control"]["told"]
+    assert "unknown" in found["safety_mode"]["text"]
+    assert "unknown" in found["remote_control"]["text"]
 
 
 def test_a_bad_configuration_ends_check_with_two(tmp_path):
@@ -181,7 +181,7 @@ def test_a_protective_stop_waits_for_a_person_with_name_and_reason(remote, confi
     assert eventually(lambda: remote.truth()["standing"], 5.0)
     code, found = checked(path)
     assert code == 3
-    assert "joint-monitor allow" in found["previous_stop"]["told"]
+    assert "joint-monitor allow" in found["previous_stop"]["text"]
     refused = ended("replay", "--config", path, "-o", output)
     assert refused.returncode == 2
     assert "previous_stop" in refused.stderr

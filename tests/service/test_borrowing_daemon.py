@@ -90,7 +90,7 @@ def test_the_arm_is_borrowed_at_the_node_once_the_program_plays_and_the_program_
     assert eventually(lambda: cell.node() is not None, 30.0)
     checked = json.loads(ended("check", "--config", str(cell.config), "--json").stdout)
     (served,) = [each for each in checked["service"] if each["name"] == "hand_over"]
-    assert cell.node() in served["told"]
+    assert cell.node() in served["text"]
     daemon.kill()
     daemon.communicate()
 

@@ -12,9 +12,10 @@ from monitor.acquire.safety import of_configuration, of_controller, of_installat
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Unreported
 from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.errors import MotionRefused
+from monitor.errors import DOES_NOT_HOLD, MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
+from monitor.reason import Reason
 from monitor.recording import Context
 
 
@@ -23,7 +24,7 @@ class Condition(NamedTuple):
 
     name: str
     needs: Literal["configuration", "controller", "state", "permit"]  # what must be known before it can be checked
-    check: Callable[[ConditionInputs], str]
+    check: Callable[[ConditionInputs], Reason]
     at_the_last: bool = True  # the parent checks it again just before the arm moves
 
 
@@ -78,19 +79,19 @@ def named_conditions(inputs: ConditionInputs, names: tuple[str, ...]) -> tuple[C
 
 
 def refuse_unless(results: tuple[ConditionResult, ...]) -> None:
-    """Raises MotionRefused with the name of the first condition that does not hold, and what was found."""
+    """Raises MotionRefused with the first condition that does not hold: its name, and what was found as a reason."""
     for result in results:
         if not result.holds:
-            raise MotionRefused(f"{result.name}: {result.text}")
+            raise MotionRefused(DOES_NOT_HOLD(condition=result.name, why=result.reason or result.text))
 
 
 def _result(condition: Condition, inputs: ConditionInputs) -> ConditionResult:
     try:
-        return ConditionResult(name=condition.name, holds=True, text=condition.check(inputs))
+        return ConditionResult(name=condition.name, holds=True, reason=condition.check(inputs))
     except MotionRefused as refusal:
-        return ConditionResult(name=condition.name, holds=False, text=str(refusal))
-    except Unreported as reason:
-        return ConditionResult(name=condition.name, holds=True, text=str(reason), checked=False)
+        return ConditionResult(name=condition.name, holds=False, reason=refusal.reason)
+    except Unreported as unreported:
+        return ConditionResult(name=condition.name, holds=True, reason=unreported.reason, checked=False)
 
 
 def inputs(

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from monitor.acquire.safety.conditions import AT_THE_LAST, conditions, named_conditions, refuse_unless
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Permit
 from monitor.acquire.state import ArmState
+from monitor.reason import Sentence
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +32,9 @@ class Announce(Protocol):
 
     def __call__(self, about: Mapping[str, Any], /) -> object:
         """Announce the motion."""
+
+
+PERMIT_NO_ANSWER = Sentence("permit_no_answer", "permit/replay: no answer within {limit_s:g} s")
 
 
 class Gate:
@@ -66,7 +70,7 @@ class Gate:
             answer = self._ask(self._about(0.0), min(ASK_S, settings.permit_timeout_s))
             if answer is None and in_time:
                 return False
-            inputs = replace(inputs, permit=answer or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s"))
+            inputs = replace(inputs, permit=answer or Permit(False, PERMIT_NO_ANSWER(limit_s=settings.permit_timeout_s)))
         found = named_conditions(inputs, ("permit",))
         if settings.permit_input is not None and not found[0].holds and in_time:
             return False  # the input may still be switched on

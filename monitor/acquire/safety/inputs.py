@@ -1,13 +1,14 @@
 """What a condition is checked against, and what a check finds. Values only."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from monitor.acquire.safety.way import Left, Way, way
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
+from monitor.reason import Reason, reason_of
 from monitor.recording import Array, Context
 
 
@@ -15,7 +16,7 @@ class Permit(NamedTuple):
     """What somebody else answered when asked whether the arm may move."""
 
     given: bool
-    reason: str
+    reason: str | Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,8 +66,18 @@ class ConditionResult:
 
     name: str
     holds: bool
-    text: str
+    text: str = ""  # in English; that of `reason` where there is one
+    reason: Reason | None = None
     checked: bool = True
+
+    def __post_init__(self) -> None:
+        """The English of the reason."""
+        if self.reason is not None:
+            object.__setattr__(self, "text", self.reason.text)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        return {"name": self.name, "holds": self.holds, "checked": self.checked, **reason_of(self.reason or self.text).document()}
 
     @property
     def status(self) -> str:
@@ -75,4 +86,8 @@ class ConditionResult:
 
 
 class Unreported(Exception):
-    """A condition cannot be checked; the message says what the controller does not report, and what that means."""
+    """A condition cannot be checked; the reason says what the controller does not report, and what that means."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason.text)
+        self.reason = reason

@@ -13,7 +13,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, Robot
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 LEAST_CURRENT_A, MOST_CURRENT_A = 0.5, 100.0  # at a joint's largest torque; known arms need 2.6 A (a UR3's wrist) to 55 A (a UR20's base)
@@ -36,102 +36,149 @@ class _Points(NamedTuple):
 NAMES = ("elbow", "flange", "TCP")
 
 
-def drive_gains(inputs: ConditionInputs) -> str:
+GAINS_UNKNOWN = Sentence(
+    "gains_unknown",
+    "robot.gains_nm_per_a is empty, and the torque per ampere of a {arm} is not published: without it no collision is "
+    "noticed and no replay can be judged; `joint-monitor init` finds it, then give robot.gains_nm_per_a",
+)
+GAIN_WRONG = Sentence(
+    "gain_wrong",
+    "robot.gains_nm_per_a: with {gain_nm_per_a:g} N·m/A {joint:joint} would need {current_a:.3g} A for its largest torque; "
+    "expected {least_a:g} to {most_a:g} A: a gain is that of the joint, the motor's torque constant times the gear ratio",
+)
+GAINS_CONFIGURED = Sentence("gains_configured", "as configured")
+GAINS_PUBLISHED = Sentence("gains_published", "published for the {arm}")
+
+
+def drive_gains(inputs: ConditionInputs) -> Reason:
     """The torque per ampere of every joint is known: without it no collision is noticed."""
     gains = inputs.installation.drive_gains(inputs.robot)
     if gains is None:
-        raise MotionRefused(
-            f"robot.gains_nm_per_a is empty, and the torque per ampere of a {inputs.robot.name} is not published: without it no collision "
-            "is noticed and no replay can be judged; `joint-monitor init` finds it, then give robot.gains_nm_per_a"
-        )
+        raise MotionRefused(GAINS_UNKNOWN(arm=inputs.robot.name))
     current_a = inputs.robot.max_torque_nm / gains  # (J,) at the joint's largest torque
     wrong = np.flatnonzero(~((current_a >= LEAST_CURRENT_A) & (current_a <= MOST_CURRENT_A)))
     if wrong.size:
         j = int(wrong[0])
         raise MotionRefused(
-            f"robot.gains_nm_per_a: with {gains[j]:g} N·m/A {joint_text(j + 1)} would need {current_a[j]:.3g} A for its largest "
-            f"torque; expected "
-            f"{LEAST_CURRENT_A:g} to {MOST_CURRENT_A:g} A: a gain is that of the joint, the motor's torque constant times the gear ratio"
+            GAIN_WRONG(gain_nm_per_a=gains[j], joint=j + 1, current_a=current_a[j], least_a=LEAST_CURRENT_A, most_a=MOST_CURRENT_A)
         )
-    return "as configured" if inputs.installation.gains_nm_per_a else f"published for the {inputs.robot.name}"
+    return GAINS_CONFIGURED() if inputs.installation.gains_nm_per_a else GAINS_PUBLISHED(arm=inputs.robot.name)
 
 
-def tcp_speed(inputs: ConditionInputs) -> str:
+TCP_SPEED_LIMIT_UNKNOWN = Sentence(
+    "tcp_speed_limit_unknown", "robot.tcp_speed_limit_m_s names none: a limit of the installation would show as a protective stop"
+)
+TCP_TOO_FAST = Sentence(
+    "tcp_too_fast",
+    "the {point:word} moves at {speed_m_s:.2f} m/s; at most {share_percent:g} % of robot.tcp_speed_limit_m_s = {limit_m_s:g}",
+)
+TCP_SPEED_WITHIN = Sentence("tcp_speed_within", "at most {speed_m_s:.2f} m/s ({point:word}), the limit is {limit_m_s:g} m/s")
+
+
+def tcp_speed(inputs: ConditionInputs) -> Reason:
     """Elbow, flange and TCP stay below the speed limit of the installation, on the trajectory and on the way to its start."""
     limit = inputs.installation.tcp_speed_limit_m_s
     if limit == 0.0:
-        raise Unreported("robot.tcp_speed_limit_m_s names none: a limit of the installation would show as a protective stop")
+        raise Unreported(TCP_SPEED_LIMIT_UNKNOWN())
     speed = np.max(_points(inputs).speed, axis=0)  # (K,)
     k = int(np.argmax(speed))
     if not speed[k] <= SPEED_SHARE * limit:
-        raise MotionRefused(
-            f"the {NAMES[k]} moves at {speed[k]:.2f} m/s; at most {100 * SPEED_SHARE:g} % of robot.tcp_speed_limit_m_s = {limit:g}"
-        )
-    return f"at most {speed[k]:.2f} m/s ({NAMES[k]}), the limit is {limit:g} m/s"
+        raise MotionRefused(TCP_TOO_FAST(point=NAMES[k], speed_m_s=speed[k], share_percent=100 * SPEED_SHARE, limit_m_s=limit))
+    return TCP_SPEED_WITHIN(speed_m_s=speed[k], point=NAMES[k], limit_m_s=limit)
 
 
-def safety_planes(inputs: ConditionInputs) -> str:
+SAFETY_PLANES_UNKNOWN = Sentence(
+    "safety_planes_unknown", "robot.safety_planes names none: a plane of the installation would show as a protective stop"
+)
+NEAR_SAFETY_PLANE = Sentence(
+    "near_safety_plane", "the {point:word} comes within {left_mm:.0f} mm of plane {plane} of robot.safety_planes; at least {least_mm:g} mm"
+)
+CLEAR_OF_SAFETY_PLANES = Sentence("clear_of_safety_planes", "{planes} planes, at least {left_mm:.0f} mm left")
+
+
+def safety_planes(inputs: ConditionInputs) -> Reason:
     """Elbow, flange and TCP stay on the free side of the installation's safety planes, on the trajectory and on the way to its start."""
     planes = inputs.installation.safety_planes
     if not planes:
-        raise Unreported("robot.safety_planes names none: a plane of the installation would show as a protective stop")
+        raise Unreported(SAFETY_PLANES_UNKNOWN())
     place = _points(inputs).place  # (N, K, 3)
     nearest = math.inf
     for number, (a, b, c, d) in enumerate(planes, start=1):
         left = np.min(d - place @ np.array([a, b, c]), axis=0)  # (K,) [m]
         k = int(np.argmin(left))
         if not left[k] >= PLANE_MARGIN_M:
-            raise MotionRefused(
-                f"the {NAMES[k]} comes within {1000.0 * left[k]:.0f} mm of plane {number} of robot.safety_planes; "
-                f"at least {1000.0 * PLANE_MARGIN_M:g} mm"
-            )
+            raise MotionRefused(NEAR_SAFETY_PLANE(point=NAMES[k], left_mm=1000.0 * left[k], plane=number, least_mm=1000.0 * PLANE_MARGIN_M))
         nearest = min(nearest, float(left[k]))
-    return f"{len(planes)} planes, at least {1000.0 * nearest:.0f} mm left"
+    return CLEAR_OF_SAFETY_PLANES(planes=len(planes), left_mm=1000.0 * nearest)
 
 
-def payload_cog(inputs: ConditionInputs) -> str:
+NO_DATA = Sentence("no_data", "unknown: no RTDE data")
+PAYLOAD_COG_NOT_REPORTED = Sentence(
+    "payload_cog_not_reported", "not reported: a payload whose centre is elsewhere would be taken for friction"
+)
+PAYLOAD_COG_OF_NO_PAYLOAD = Sentence("payload_cog_of_no_payload", "{cog_m} m, of no payload")
+PAYLOAD_COG_NOT_CONFIGURED = Sentence("payload_cog_not_configured", "the controller reckons with {cog_m} m, robot.payload_cog_m names none")
+ANOTHER_PAYLOAD_COG = Sentence(
+    "another_payload_cog",
+    "the controller reckons with {cog_m} m, robot.payload_cog_m is {configured_m}: {apart_mm:.0f} mm apart, at most {limit_mm:g}",
+)
+PAYLOAD_COG_AS_CONFIGURED = Sentence("payload_cog_as_configured", "{cog_m} m, as configured")
+
+
+def payload_cog(inputs: ConditionInputs) -> Reason:
     """The controller reckons with the configured centre of gravity of the payload."""
     expected, state = inputs.installation.payload_cog_m, inputs.state
     if state is None:
-        raise MotionRefused("unknown: no RTDE data")
+        raise MotionRefused(NO_DATA())
     if not _reported(state.payload_cog_m):
-        raise Unreported("not reported: a payload whose centre is elsewhere would be taken for friction")
+        raise Unreported(PAYLOAD_COG_NOT_REPORTED())
     reported = ", ".join(f"{value:.3f}" for value in state.payload_cog_m)
     if state.payload_kg < LIGHT_KG:
-        return f"{reported} m, of no payload"
+        return PAYLOAD_COG_OF_NO_PAYLOAD(cog_m=reported)
     if not expected:
-        raise Unreported(f"the controller reckons with {reported} m, robot.payload_cog_m names none")
+        raise Unreported(PAYLOAD_COG_NOT_CONFIGURED(cog_m=reported))
     apart = math.dist(expected, state.payload_cog_m)
     if not apart <= COG_ERROR_M:
         wanted = ", ".join(f"{value:.3f}" for value in expected)
         raise MotionRefused(
-            f"the controller reckons with {reported} m, robot.payload_cog_m is {wanted}: {1000.0 * apart:.0f} mm apart, "
-            f"at most {1000.0 * COG_ERROR_M:g}"
+            ANOTHER_PAYLOAD_COG(cog_m=reported, configured_m=wanted, apart_mm=1000.0 * apart, limit_mm=1000.0 * COG_ERROR_M)
         )
-    return f"{reported} m, as configured"
+    return PAYLOAD_COG_AS_CONFIGURED(cog_m=reported)
 
 
-def tcp_offset(inputs: ConditionInputs) -> str:
+TCP_NOT_REPORTED = Sentence("tcp_not_reported", "not reported: a tool that nobody told the monitor is not noticed")
+POSITIONS_NOT_FINITE = Sentence("positions_not_finite", "unknown: the controller reports positions that are not finite")
+TCP_NOT_CONFIGURED = Sentence("tcp_not_configured", "the controller's TCP is at {tcp}, robot.tcp_offset names none")
+ANOTHER_TCP = Sentence(
+    "another_tcp",
+    "the controller's TCP is at {tcp}: {apart_mm:.0f} mm and {apart_deg:.1f}° from robot.tcp_offset; at most {limit_mm:g} mm "
+    "and {limit_deg:g}°",
+)
+TCP_AS_CONFIGURED = Sentence("tcp_as_configured", "{tcp}, as configured")
+
+
+def tcp_offset(inputs: ConditionInputs) -> Reason:
     """The controller's tool centre point is the configured one. It follows from the TCP pose and the flange's, by forward kinematics."""
     expected, state = inputs.installation.tcp_offset, inputs.state
     if state is None:
-        raise MotionRefused("unknown: no RTDE data")
+        raise MotionRefused(NO_DATA())
     if not _reported(state.tcp_pose):
-        raise Unreported("not reported: a tool that nobody told the monitor is not noticed")
+        raise Unreported(TCP_NOT_REPORTED())
     if not np.all(np.isfinite([*state.q, *state.tcp_pose])):
-        raise MotionRefused("unknown: the controller reports positions that are not finite")
+        raise MotionRefused(POSITIONS_NOT_FINITE())
     place, turn = offset_of(inputs.robot, state.q, np.array(state.tcp_pose))
     reported = ", ".join(str(round(1000.0 * value)) for value in place) + " mm"
     if not expected:
-        raise Unreported(f"the controller's TCP is at {reported}, robot.tcp_offset names none")
+        raise Unreported(TCP_NOT_CONFIGURED(tcp=reported))
     apart_m = float(np.linalg.norm(place - np.array(expected[:3])))
     apart_deg = angle_deg(turn.T @ rotation(np.array(expected[3:])))
     if not (apart_m <= TCP_ERROR_M and apart_deg <= TCP_ERROR_DEG):
         raise MotionRefused(
-            f"the controller's TCP is at {reported}: {1000.0 * apart_m:.0f} mm and {apart_deg:.1f}° from robot.tcp_offset; "
-            f"at most {1000.0 * TCP_ERROR_M:g} mm and {TCP_ERROR_DEG:g}°"
+            ANOTHER_TCP(
+                tcp=reported, apart_mm=1000.0 * apart_m, apart_deg=apart_deg, limit_mm=1000.0 * TCP_ERROR_M, limit_deg=TCP_ERROR_DEG
+            )
         )
-    return f"{reported}, as configured"
+    return TCP_AS_CONFIGURED(tcp=reported)
 
 
 def offset_of(robot: Robot, q: Array, tcp_pose: Array) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.of_configuration import clear_line
-from monitor.acquire.safety.way import Way
 from monitor.acquire.state import (
     FULL_SPEED,
     JOINT_MODE_RUNNING,
@@ -25,142 +24,208 @@ from monitor.acquire.state import (
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import Array
 
 HOLD_ERROR_RAD = 0.05  # an arm that holds its pose has its target within this of its position
 ACCELEROMETER_ERROR_M_S2 = 1.5  # a real arm's reads 9.28 at rest; a larger difference means a fault, or an arm that is not at rest
 
 
+NO_DATA = Sentence("no_data", "unknown: no RTDE data")
+
+
 def _state(inputs: ConditionInputs) -> ArmState:
     """The state, which must be known."""
     if inputs.state is None:
-        raise MotionRefused("unknown: no RTDE data")
+        raise MotionRefused(NO_DATA())
     return inputs.state
 
 
-def safety_mode(inputs: ConditionInputs) -> str:
+SAFETY_MODE_NOT_NORMAL = Sentence(
+    "safety_mode_not_normal", "safety mode is {mode} ({name:word}), bits {bits:#x}; expected 1 (normal), bits 0x1"
+)
+SAFETY_IS_NORMAL = Sentence("safety_mode_normal", "normal")
+
+
+def safety_mode(inputs: ConditionInputs) -> Reason:
     """The safety system is in its normal mode, without any stop or fault."""
     state = _state(inputs)
     if state.safety_mode != SAFETY_MODE_NORMAL or state.safety_bits != SAFETY_BITS_NORMAL:
         name = SAFETY_MODES.get(state.safety_mode, "unknown")
-        raise MotionRefused(f"safety mode is {state.safety_mode} ({name}), bits {state.safety_bits:#x}; expected 1 (normal), bits 0x1")
-    return "normal"
+        raise MotionRefused(SAFETY_MODE_NOT_NORMAL(mode=state.safety_mode, name=name, bits=state.safety_bits))
+    return SAFETY_IS_NORMAL()
 
 
-def robot_mode(inputs: ConditionInputs) -> str:
+ROBOT_MODE_NOT_RUNNING = Sentence("robot_mode_not_running", "robot mode is {mode} ({name:word}); expected 7 (running)")
+ROBOT_RUNS = Sentence("robot_mode_running", "running")
+
+
+def robot_mode(inputs: ConditionInputs) -> Reason:
     """The robot is powered on and running."""
     mode = _state(inputs).robot_mode
     if mode != ROBOT_MODE_RUNNING:
-        raise MotionRefused(f"robot mode is {mode} ({ROBOT_MODES.get(mode, 'unknown')}); expected 7 (running)")
-    return "running"
+        raise MotionRefused(ROBOT_MODE_NOT_RUNNING(mode=mode, name=ROBOT_MODES.get(mode, "unknown")))
+    return ROBOT_RUNS()
 
 
-def no_other_program(inputs: ConditionInputs) -> str:
+PROGRAM_DOES_NOT_PLAY = Sentence(
+    "program_does_not_play", "the program is {name:word} (runtime state {runtime}); it must play, because its node lends the arm"
+)
+PROGRAM_LENDS = Sentence("program_lends", "the program plays, and its node lends the arm")
+ANOTHER_PROGRAM = Sentence(
+    "another_program", "a program is {name:word} on the controller (runtime state {runtime}); it is not ours to stop"
+)
+NO_PROGRAM = Sentence("no_program", "no program runs")
+
+
+def no_other_program(inputs: ConditionInputs) -> Reason:
     """No program runs on the controller: it would be stopped by ours. A program that lends the arm must play: it alone can offer it."""
     runtime = _state(inputs).runtime_state
     if inputs.settings.lent is not None:
         if runtime != RUNTIME_PLAYING:
             name = RUNTIME_STATES.get(runtime, "unknown")
-            raise MotionRefused(f"the program is {name} (runtime state {runtime}); it must play, because its node lends the arm")
-        return "the program plays, and its node lends the arm"
+            raise MotionRefused(PROGRAM_DOES_NOT_PLAY(name=name, runtime=runtime))
+        return PROGRAM_LENDS()
     if runtime != RUNTIME_STOPPED:
         name = RUNTIME_STATES.get(runtime, "unknown")
-        raise MotionRefused(f"a program is {name} on the controller (runtime state {runtime}); it is not ours to stop")
-    return "no program runs"
+        raise MotionRefused(ANOTHER_PROGRAM(name=name, runtime=runtime))
+    return NO_PROGRAM()
 
 
-def finite(inputs: ConditionInputs) -> str:
+VALUES_NOT_FINITE = Sentence("values_not_finite", "the controller reports values that are not finite")
+VALUES_FINITE = Sentence("values_finite", "positions, speeds and temperatures are finite")
+
+
+def finite(inputs: ConditionInputs) -> Reason:
     """Positions, speeds and temperatures are numbers."""
     state = _state(inputs)
     if not all(np.all(np.isfinite(part)) for part in (state.q, state.qd, state.target_q, state.target_qd, state.temperature_c)):
-        raise MotionRefused("the controller reports values that are not finite")
-    return "positions, speeds and temperatures are finite"
+        raise MotionRefused(VALUES_NOT_FINITE())
+    return VALUES_FINITE()
 
 
-def stationary(inputs: ConditionInputs) -> str:
+ARM_MOVES = Sentence("arm_moves", "the arm is moving: {joint:joint} at {speed_rad_s:.3f} rad/s; expected standstill")
+ARM_OFF_TARGET = Sentence("arm_off_target", "{joint:joint} is {error_rad:.3f} rad from the controller's own target; at most {limit_rad}")
+ARM_AT_REST = Sentence("arm_at_rest", "at rest, every joint within {error_mrad:.1f} mrad of the controller's own target")
+
+
+def stationary(inputs: ConditionInputs) -> Reason:
     """The arm is at rest, and every joint is near the controller's own target."""
     state = _state(inputs)
     speed = np.maximum(np.abs(state.qd), np.abs(state.target_qd))  # (J,)
     j = int(np.argmax(speed))
     if not speed[j] <= STANDSTILL_RAD_S:
-        raise MotionRefused(f"the arm is moving: {joint_text(j + 1)} at {speed[j]:.3f} rad/s; expected standstill")
+        raise MotionRefused(ARM_MOVES(joint=j + 1, speed_rad_s=speed[j]))
     hold = np.abs(state.q - state.target_q)  # (J,)
     j = int(np.argmax(hold))
     if not hold[j] <= HOLD_ERROR_RAD:
-        raise MotionRefused(f"{joint_text(j + 1)} is {hold[j]:.3f} rad from the controller's own target; at most {HOLD_ERROR_RAD}")
-    return f"at rest, every joint within {1000.0 * hold[j]:.1f} mrad of the controller's own target"
+        raise MotionRefused(ARM_OFF_TARGET(joint=j + 1, error_rad=hold[j], limit_rad=HOLD_ERROR_RAD))
+    return ARM_AT_REST(error_mrad=1000.0 * hold[j])
 
 
-def speed_scaling(inputs: ConditionInputs) -> str:
+SLIDER_NOT_REPORTED = Sentence("slider_not_reported", "the slider is not reported: one below 100 % ends the replay before the arm moves")
+SPEED_SCALING_WRONG = Sentence("speed_scaling_wrong", "the controller's speed scaling is {share:g}; expected a share of 0 to 1")
+SLIDER_LOW = Sentence(
+    "slider_low", "the speed slider is at {share_percent:.0f} %; expected 100 %: at less the arm plays another trajectory"
+)
+SLIDER_FULL = Sentence("slider_full", "100 %")
+
+
+def speed_scaling(inputs: ConditionInputs) -> Reason:
     """The operator's slider stands at 100 %. The trajectory limiter says nothing while no program plays: a real arm's stands at 0 then."""
     state = _state(inputs)
     if math.isnan(state.speed_fraction):
-        raise Unreported("the slider is not reported: one below 100 % ends the replay before the arm moves")
+        raise Unreported(SLIDER_NOT_REPORTED())
     if not (math.isnan(state.speed_scaling) or 0.0 <= state.speed_scaling <= 2.0 - FULL_SPEED):
-        raise MotionRefused(f"the controller's speed scaling is {state.speed_scaling:g}; expected a share of 0 to 1")
+        raise MotionRefused(SPEED_SCALING_WRONG(share=state.speed_scaling))
     if not state.slider_full:
         share = 100.0 * state.speed_fraction
-        raise MotionRefused(f"the speed slider is at {share:.0f} %; expected 100 %: at less the arm plays another trajectory")
-    return "100 %"
+        raise MotionRefused(SLIDER_LOW(share_percent=share))
+    return SLIDER_FULL()
 
 
-def joints_running(inputs: ConditionInputs) -> str:
+JOINT_MODES_NOT_REPORTED = Sentence("joint_modes_not_reported", "not reported: a joint with a closed brake shows as a following error")
+JOINT_NOT_RUNNING = Sentence(
+    "joint_not_running", "{joint:joint} is in mode {mode:g} ({name:word}); expected {running} (running, its brake released)"
+)
+JOINTS_RUNNING = Sentence("joints_running", "every drive is on, every brake is released")
+
+
+def joints_running(inputs: ConditionInputs) -> Reason:
     """Every joint's drive is on and its brake is released."""
     state = _state(inputs)
     if not state.joint_modes or all(math.isnan(mode) for mode in state.joint_modes):
-        raise Unreported("not reported: a joint with a closed brake shows as a following error")
+        raise Unreported(JOINT_MODES_NOT_REPORTED())
     for j, mode in enumerate(state.joint_modes):
         if mode != JOINT_MODE_RUNNING:
             name = JOINT_MODES.get(int(mode), "unknown") if math.isfinite(mode) else "unknown"
-            raise MotionRefused(
-                f"{joint_text(j + 1)} is in mode {mode:g} ({name}); expected {JOINT_MODE_RUNNING} (running, its brake released)"
-            )
-    return "every drive is on, every brake is released"
+            raise MotionRefused(JOINT_NOT_RUNNING(joint=j + 1, mode=mode, name=name, running=JOINT_MODE_RUNNING))
+    return JOINTS_RUNNING()
 
 
-def teach_button(inputs: ConditionInputs) -> str:
+TEACH_BUTTON_NOT_REPORTED = Sentence("teach_button_not_reported", "not reported: somebody who holds the freedrive button is not noticed")
+TEACH_BUTTON_HELD = Sentence("teach_button_held", "somebody holds the freedrive button; expected nobody at the arm")
+TEACH_BUTTON_FREE = Sentence("teach_button_free", "nobody holds the freedrive button")
+
+
+def teach_button(inputs: ConditionInputs) -> Reason:
     """Nobody holds the freedrive button."""
     state = _state(inputs)
     if math.isnan(state.status_bits):
-        raise Unreported("not reported: somebody who holds the freedrive button is not noticed")
+        raise Unreported(TEACH_BUTTON_NOT_REPORTED())
     if state.teach_button_held:
-        raise MotionRefused("somebody holds the freedrive button; expected nobody at the arm")
-    return "nobody holds the freedrive button"
+        raise MotionRefused(TEACH_BUTTON_HELD())
+    return TEACH_BUTTON_FREE()
 
 
-def payload(inputs: ConditionInputs) -> str:
+PAYLOAD_NOT_REPORTED = Sentence("payload_not_reported", "not reported: a payload that nobody told the monitor would be taken for friction")
+PAYLOAD_NOT_CONFIGURED = Sentence("payload_not_configured", "the controller reckons with {payload_kg:.3f} kg, the configuration names none")
+ANOTHER_PAYLOAD = Sentence(
+    "another_payload",
+    "the controller reckons with {payload_kg:.3f} kg, the configuration says {configured_kg:.3f} kg; at most {limit_kg:g} kg apart",
+)
+PAYLOAD_AS_CONFIGURED = Sentence("payload_as_configured", "{payload_kg:.3f} kg, as configured")
+
+
+def payload(inputs: ConditionInputs) -> Reason:
     """The controller reckons with the configured payload."""
     payload, expected = _state(inputs).payload_kg, inputs.context.payload_kg
     if math.isnan(payload):
-        raise Unreported("not reported: a payload that nobody told the monitor would be taken for friction")
+        raise Unreported(PAYLOAD_NOT_REPORTED())
     if expected is None:
-        raise Unreported(f"the controller reckons with {payload:.3f} kg, the configuration names none")
+        raise Unreported(PAYLOAD_NOT_CONFIGURED(payload_kg=payload))
     if not abs(payload - expected) <= inputs.settings.max_payload_error_kg:
-        raise MotionRefused(
-            f"the controller reckons with {payload:.3f} kg, the configuration says {expected:.3f} kg; "
-            f"at most {inputs.settings.max_payload_error_kg:g} kg apart"
-        )
-    return f"{payload:.3f} kg, as configured"
+        raise MotionRefused(ANOTHER_PAYLOAD(payload_kg=payload, configured_kg=expected, limit_kg=inputs.settings.max_payload_error_kg))
+    return PAYLOAD_AS_CONFIGURED(payload_kg=payload)
 
 
-def gravity(inputs: ConditionInputs) -> str:
+MOUNTING_NOT_REPORTED = Sentence(
+    "mounting_not_reported", "not reported: a mounting that is not the configured one shows only in the torque of the first pass"
+)
+ACCELEROMETER_WRONG = Sentence(
+    "accelerometer_wrong", "the tool's accelerometer reads {measured_m_s2:.2f} m/s²; expected {expected_m_s2:.2f} at standstill"
+)
+BASE_TILTED = Sentence(
+    "base_tilted",
+    "by the tool's accelerometer the base is tilted by {angle_deg:.1f}° against the configured mounting; at most {limit_deg:g}°",
+)
+MOUNTING_AS_CONFIGURED = Sentence("mounting_as_configured", "{angle_deg:.1f}° from the configured mounting")
+
+
+def gravity(inputs: ConditionInputs) -> Reason:
     """The tool's accelerometer agrees with the configured mounting."""
     state, expected = _state(inputs), inputs.context.mounting_rad
     mounting = inputs.excitation.mounting if expected is None else Mounting.of(expected)
     measured = np.array(state.accelerometer_m_s2)
     if np.all(np.isnan(measured)) or not np.any(measured):
-        raise Unreported("not reported: a mounting that is not the configured one shows only in the torque of the first pass")
+        raise Unreported(MOUNTING_NOT_REPORTED())
     length = float(np.linalg.norm(measured))
     if not abs(length - STANDARD_GRAVITY_M_S2) <= ACCELEROMETER_ERROR_M_S2:
-        raise MotionRefused(f"the tool's accelerometer reads {length:.2f} m/s²; expected {STANDARD_GRAVITY_M_S2:.2f} at standstill")
+        raise MotionRefused(ACCELEROMETER_WRONG(measured_m_s2=length, expected_m_s2=STANDARD_GRAVITY_M_S2))
     angle = tilt_deg(inputs.robot, mounting, state.q, measured)
     if not angle <= inputs.settings.max_gravity_error_deg:
-        raise MotionRefused(
-            f"by the tool's accelerometer the base is tilted by {angle:.1f}° against the configured mounting; "
-            f"at most {inputs.settings.max_gravity_error_deg:g}°"
-        )
-    return f"{angle:.1f}° from the configured mounting"
+        raise MotionRefused(BASE_TILTED(angle_deg=angle, limit_deg=inputs.settings.max_gravity_error_deg))
+    return MOUNTING_AS_CONFIGURED(angle_deg=angle)
 
 
 def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Array) -> float:
@@ -174,73 +239,89 @@ def tilt_deg(robot: Robot, mounting: Mounting, q: Array, accelerometer_m_s2: Arr
     return math.degrees(math.acos(min(max(float(up[2]), -1.0), 1.0)))
 
 
-def approach_near(inputs: ConditionInputs) -> str:
+BROUGHT_BACK = Sentence(
+    "brought_back",
+    "the arm stands where the last motion left it, {off_path_rad:.2f} rad from its trajectory: it is brought back over the "
+    "way it came, in {duration_s:.0f} s",
+)
+FAR_FROM_START = Sentence(
+    "far_from_start",
+    "{joint:joint} is {far_rad:.2f} rad from the start of the excitation; at most {limit_rad:g}: jog the arm near the start, at "
+    "{start_deg:.0f}°; or, where a stop of ours left it on its trajectory, look whether the way back along it is free and say so: "
+    "joint-monitor allow --way-back",
+)
+FARTHEST_JOINT = Sentence("farthest_joint", "{joint:joint} has farthest to go: {far_rad:.2f} rad")
+
+
+def approach_near(inputs: ConditionInputs) -> Reason:
     """The start of the trajectory is near enough to where the arm stands, or the arm stands on it, where our last motion left it."""
     state, settings = _state(inputs), inputs.settings
     way = inputs.way_from(state)
     if way.back_from_s is not None:
-        return (
-            f"the arm stands where the last motion left it, {way.off_path_rad:.2f} rad from its trajectory: it is brought back over the "
-            f"way it came, in {way.to_start(settings).duration_s:.0f} s"
-        )
+        return BROUGHT_BACK(off_path_rad=way.off_path_rad, duration_s=way.to_start(settings).duration_s)
     far = np.abs(state.q - way.start_q)  # (J,)
     j = int(np.argmax(far))
     if not far[j] <= settings.max_approach_rad:
-        raise MotionRefused(
-            f"{joint_text(j + 1)} is {far[j]:.2f} rad from the start of the excitation; at most {settings.max_approach_rad:g}: "
-            + _what_to_do(way)
-        )
-    return f"{joint_text(j + 1)} has farthest to go: {far[j]:.2f} rad"
+        start_deg = np.degrees(way.start_q)
+        raise MotionRefused(FAR_FROM_START(joint=j + 1, far_rad=far[j], limit_rad=settings.max_approach_rad, start_deg=start_deg))
+    return FARTHEST_JOINT(joint=j + 1, far_rad=far[j])
 
 
-def _what_to_do(way: Way) -> str:
-    """What a person does about an arm that stands too far from the start."""
-    start = ", ".join(f"{angle:.0f}" for angle in np.degrees(way.start_q))
-    return (
-        f"jog the arm near the start, at {start}°; or, where a stop of ours left it on its trajectory, look whether the way back along it "
-        "is free and say so: joint-monitor allow --way-back"
-    )
+WAY_UNCHECKED = Sentence("way_unchecked", "the configuration says unchecked: the way to the start is not proved")
+PLACE_NOT_FINITE = Sentence("place_not_finite", "unknown: where the arm stands is not finite")
+WAY_CLEAR = Sentence("way_clear", "the straight way to the start keeps {gap_mm:.0f} mm clear")
 
 
-def approach_clear(inputs: ConditionInputs) -> str:
+def approach_clear(inputs: ConditionInputs) -> Reason:
     """The straight ways in joint space to the start, and from it to where the arm will rest, keep clear of the cell."""
     state, cell = _state(inputs), inputs.settings.cell
     if cell is None:
-        raise Unreported("the configuration says unchecked: the way to the start is not proved")
+        raise Unreported(WAY_UNCHECKED())
     if not np.all(np.isfinite(state.target_q)):
-        raise MotionRefused("unknown: where the arm stands is not finite")
+        raise MotionRefused(PLACE_NOT_FINITE())
     gaps = []
     for begin, end in inputs.way_from(state).lines:
         line = clear_line(cell, inputs.excitation, inputs.robot, begin, end)
         gaps += [1000.0 * line.itself.gap_m] + ([] if line.cell is None else [1000.0 * line.cell.gap_m])
-    return f"the straight way to the start keeps {min(gaps):.0f} mm clear"
+    return WAY_CLEAR(gap_mm=min(gaps))
 
 
-def temperatures(inputs: ConditionInputs) -> str:
+TEMPERATURE_OUTSIDE = Sentence("temperature_outside", "{joint:joint} is at {temperature_c:.1f} °C; allowed are {low_c:g} to {high_c:g} °C")
+TEMPERATURES_WITHIN = Sentence("temperatures_within", "{low_c:.0f} to {high_c:.0f} °C")
+
+
+def temperatures(inputs: ConditionInputs) -> Reason:
     """Every joint is within the allowed range of temperature."""
     state = _state(inputs)
     coldest, hottest = inputs.settings.joint_temperature_range_c
     outside = np.flatnonzero(~((state.temperature_c >= coldest) & (state.temperature_c <= hottest)))
     if outside.size:
         j = int(outside[0])
-        raise MotionRefused(f"{joint_text(j + 1)} is at {state.temperature_c[j]:.1f} °C; allowed are {coldest:g} to {hottest:g} °C")
-    return f"{np.min(state.temperature_c):.0f} to {np.max(state.temperature_c):.0f} °C"
+        raise MotionRefused(TEMPERATURE_OUTSIDE(joint=j + 1, temperature_c=state.temperature_c[j], low_c=coldest, high_c=hottest))
+    return TEMPERATURES_WITHIN(low_c=np.min(state.temperature_c), high_c=np.max(state.temperature_c))
 
 
-def permit(inputs: ConditionInputs) -> str:
+NO_PERMIT_WANTED = Sentence("no_permit_wanted", "nobody else is asked")
+INPUT_NOT_REPORTED = Sentence("input_not_reported", "digital input {input} must be on, and the controller does not report its inputs")
+INPUT_OFF = Sentence("input_off", "digital input {input} is off; expected on")
+INPUT_ON = Sentence("input_on", "digital input {input} is on")
+PERMIT_NOT_ASKED = Sentence("permit_not_asked", "permit/replay was not asked over Zenoh")
+
+
+def permit(inputs: ConditionInputs) -> Reason:
     """The digital input is on, or the program that was asked over Zenoh agrees, where the configuration wants a permit."""
     number = inputs.settings.permit_input
     if inputs.settings.permit == "none":
-        return "nobody else is asked"
+        return NO_PERMIT_WANTED()
     if number is not None:
         bits = _state(inputs).digital_inputs
         if not math.isfinite(bits):
-            raise MotionRefused(f"digital input {number} must be on, and the controller does not report its inputs")
+            raise MotionRefused(INPUT_NOT_REPORTED(input=number))
         if not int(bits) >> number & 1:
-            raise MotionRefused(f"digital input {number} is off; expected on")
-        return f"digital input {number} is on"
+            raise MotionRefused(INPUT_OFF(input=number))
+        return INPUT_ON(input=number)
     if inputs.permit is None:
-        raise MotionRefused("permit/replay was not asked over Zenoh")
+        raise MotionRefused(PERMIT_NOT_ASKED())
     if not inputs.permit.given:
         raise MotionRefused(inputs.permit.reason)
-    return inputs.permit.reason
+    return reason_of(inputs.permit.reason)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from monitor.acquire.safety.inputs import Permit
 from monitor.errors import RobotUnreachable
+from monitor.reason import Reason, Sentence, reason_of
 
 CONTROL_EVERY_S = 0.2  # between two questions whether remote control is on: the arm stands within 1 s of its loss
 CONTROL_SILENCE_S = 2.0  # a dashboard that was closed and opened again answers within that time
@@ -22,13 +23,21 @@ LEAVE_S = 0.6  # a question that is under way when the motion ends has its answe
 
 
 class Interruption(NamedTuple):
-    """Why a motion must end."""
+    """Why a motion must end. `cause` is the kind of it, by which the history and the next motion go."""
 
     cause: str
-    text: str
+    reason: Reason
+
+    @property
+    def text(self) -> str:
+        """In English."""
+        return self.reason.text
 
 
 Question = Callable[[threading.Event], Interruption | None]  # returns where it finds a reason, or once the event is set
+
+
+SUPERVISION_FAILED = Sentence("supervision_failed", "the supervision of the motion failed: {kind}: {why}")
 
 
 class Oversight:
@@ -67,36 +76,43 @@ class Oversight:
         try:
             found = question(self._over)
         except Exception as error:  # a question that cannot be asked any more is no answer
-            found = Interruption("internal", f"the supervision of the motion failed: {type(error).__name__}: {error}")
+            found = Interruption("internal", SUPERVISION_FAILED(kind=type(error).__name__, why=str(error)))
         if found is not None and self.finding is None and not self._over.is_set():
             self.finding = found
+
+
+LOCAL_CONTROL_TAKEN = Sentence("local_control_taken", "the controller was taken into local control")
+REMOTE_CONTROL_UNKNOWN = Sentence("remote_control_unknown", "whether remote control is on is not known for {silent_s:.1f} s: {why}")
 
 
 def remote_control_kept(converse: Callable[[], AbstractContextManager[Callable[[], bool | None]]]) -> Question:
     """The robot is in remote control, and says so again and again."""
 
     def question(over: threading.Event) -> Interruption | None:
-        heard_at, reason = time.monotonic(), ""
+        heard_at, why = time.monotonic(), ""
         while not over.is_set():
             try:
                 with converse() as ask:
                     while not over.is_set():
                         remote = ask()
                         if remote is False:
-                            return Interruption("local_control", "the controller was taken into local control")
+                            return Interruption("local_control", LOCAL_CONTROL_TAKEN())
                         if remote is None:
-                            reason = "the dashboard says neither true nor false"
+                            why = "the dashboard says neither true nor false"
                             break
                         heard_at = time.monotonic()
                         over.wait(CONTROL_EVERY_S)
             except RobotUnreachable as error:
-                reason = str(error)
+                why = str(error)
             if (silent_s := time.monotonic() - heard_at) > CONTROL_SILENCE_S:
-                return Interruption("local_control", f"whether remote control is on is not known for {silent_s:.1f} s: {reason}")
+                return Interruption("local_control", REMOTE_CONTROL_UNKNOWN(silent_s=silent_s, why=why))
             over.wait(CONTROL_EVERY_S)
         return None
 
     return question
+
+
+PERMIT_UNANSWERED = Sentence("permit_unanswered", "nobody has answered permit/replay for {silent_s:.1f} s")
 
 
 def permit_kept(ask: Callable[[float], Permit | None]) -> Question:
@@ -107,11 +123,11 @@ def permit_kept(ask: Callable[[float], Permit | None]) -> Question:
         while not over.wait(PERMIT_EVERY_S):
             answer = ask(PERMIT_ANSWER_S)
             if answer is not None and not answer.given:
-                return Interruption("permit_withdrawn", answer.reason)
+                return Interruption("permit_withdrawn", reason_of(answer.reason))
             if answer is not None:
                 heard_at = time.monotonic()
             elif (silent_s := time.monotonic() - heard_at) > PERMIT_SILENCE_S:
-                return Interruption("permit_withdrawn", f"nobody has answered permit/replay for {silent_s:.1f} s")
+                return Interruption("permit_withdrawn", PERMIT_UNANSWERED(silent_s=silent_s))
         return None
 
     return question

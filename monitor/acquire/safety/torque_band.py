@@ -22,10 +22,10 @@ from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.safety.torque_basis import STEP_S, BandBasis, TorqueProfile
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.errors import MotionRefused
+from monitor.errors import DOES_NOT_HOLD, MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Context, Indices, Recording
 
 OUTSIDE_S = 0.04  # torque must be outside for so long on one side, five rows at 125 Hz: a spike of the measured current is no collision
@@ -75,6 +75,14 @@ class Reading(NamedTuple):
     wide: Array  # (2, J) how far that may be, downwards and upwards
 
 
+GAIN_NOT_KNOWN = Sentence("gain_not_known", "the torque per ampere of a joint is not known: a collision would go unnoticed")
+
+
+TORQUE_OUTSIDE = Sentence(
+    "torque_outside", "{joint:joint} needs {measured_nm:.1f} N·m where {expected_nm:.1f} ± {allowed_nm:.1f} were expected ({basis})"
+)
+
+
 class TorqueBand:
     """Compares measured with expected torque, row by row. It remembers what it has seen: one band for one replay."""
 
@@ -95,7 +103,7 @@ class TorqueBand:
         """
         gains = installation.drive_gains(robot)
         if gains is None:
-            raise MotionRefused("drive_gains: the torque per ampere of a joint is not known: a collision would go unnoticed")
+            raise MotionRefused(DOES_NOT_HOLD(condition="drive_gains", why=GAIN_NOT_KNOWN()))
         J, most = robot.joints, robot.max_torque_nm
         self._basis = basis
         self._most, self._gains, self._profile = most, gains, basis.profile
@@ -131,7 +139,7 @@ class TorqueBand:
         """What the band is made of, for a message."""
         return self._basis.description
 
-    def outside(self, row: Array, phase_s: float | None = None) -> tuple[str, str] | None:
+    def outside(self, row: Array, phase_s: float | None = None) -> tuple[str, Reason] | None:
         """Cause and text where torque has been outside the band for OUTSIDE_S; else None. Call it with every row (WIDTH,) in turn.
 
         phase_s : time since the beginning of the trajectory's repetition [s]; None on the way to its start and back.
@@ -151,11 +159,8 @@ class TorqueBand:
         expected, allowed = reading.expected[j], reading.narrow[j]
         if abs(narrow[j]) <= 1.0:
             expected, allowed = reading.measured[j] - reading.excess[j], reading.wide[side, j]
-        return (
-            "torque_band",
-            f"{joint_text(int(j) + 1)} needs {reading.measured[j]:.1f} N·m where {expected:.1f} ± {allowed:.1f} were expected "
-            f"({self.description})",
-        )
+        needs = {"measured_nm": reading.measured[j], "expected_nm": expected, "allowed_nm": allowed}
+        return "torque_band", TORQUE_OUTSIDE(joint=int(j) + 1, **needs, basis=self.description)
 
     def seen(self, rows: int) -> Indices:
         """Which row each of the first so many calls of `read` was about: its own, and once acceleration is known the one before."""

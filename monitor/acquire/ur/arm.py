@@ -22,7 +22,7 @@ from monitor.acquire.state import arm_state
 from monitor.acquire.ur.control import STANDING_S, Control
 from monitor.acquire.ur.failures import CycleGaps, StreamFailure, Tracking, gap_failure, state_failure
 from monitor.acquire.ur.receive import POLL_S, PacketTiming, TornRow, connect_receiver, read_row
-from monitor.reason import joint_text
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 RECENT_TARGETS = 25  # 0.2 s at 125 Hz: longer than servoJ's lookahead and the servo's lag together
@@ -74,6 +74,16 @@ class TakesTheArm(Protocol):
 
     def leave_nothing_behind(self, arm: "Arm", failure: StreamFailure) -> None:
         """After a failure: end what nobody else would end. Raises StreamFailure."""
+
+
+ARM_WAS_MOVED = Sentence("arm_was_moved", "{joint:joint} was moved by {moved_rad:.3f} rad since the way to the start was proved")
+CONNECTION_CLOSED = Sentence("connection_closed", "the controller closed the RTDE connection")
+DATA_BROKE_OFF = Sentence("data_broke_off", "the RTDE data broke off: {why}")
+CLOCK_JUMPED = Sentence("clock_jumped", "the controller's clock jumped by {step_s:.3f} s")
+DATA_GAP = Sentence("data_gap", "the controller's data has a gap of {gap_ms:.0f} ms")
+TARGET_WRONG = Sentence("target_wrong", "target {target_rad:g} after {last_rad:g}: not finite, too far, or out of range")
+TARGET_LATE = Sentence("target_late", "{gap_ms:.0f} ms after the last target: this process got no processor time")
+TARGET_NOT_TAKEN = Sentence("target_not_taken", "the control program did not take the target")
 
 
 class Arm:
@@ -173,7 +183,7 @@ class Arm:
         moved = np.abs(begin_q - self.proved_q)  # (J,)
         if not np.all(moved <= MOVED_RAD):
             j = int(np.argmax(moved))
-            raise StreamFailure("no_control", f"{joint_text(j + 1)} was moved by {moved[j]:.3f} rad since the way to the start was proved")
+            raise StreamFailure("no_control", ARM_WAS_MOVED(joint=j + 1, moved_rad=moved[j]))
         self.taking.guard(self)
         self.recent.append(begin_q)
         self.note_busy()
@@ -215,7 +225,7 @@ class Arm:
             self.gaps.add(now, now - self._checked_at)
             self._checked_at = now
             if self._cut:
-                raise StreamFailure("connection_lost", "the controller closed the RTDE connection")
+                raise StreamFailure("connection_lost", CONNECTION_CLOSED())
             if self.state.streams and now - before_s >= limit_s:
                 raise gap_failure(now - before_s, longest_s, limit_s)
             if self.receive.getTimestamp() != self._timestamp_s:
@@ -231,7 +241,7 @@ class Arm:
         try:
             row, again = read_row(self.receive, self.signals)
         except (TornRow, RuntimeError) as error:
-            raise StreamFailure("connection_lost", f"the RTDE data broke off: {error}") from None
+            raise StreamFailure("connection_lost", DATA_BROKE_OFF(why=str(error))) from None
         self.torn += again
         row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
         timestamp_s = float(row[0])
@@ -240,9 +250,9 @@ class Arm:
         self._timestamp_s = timestamp_s
         self.gaps.add(self.seen_at, self.step_s)
         if not 0.0 < self.step_s < LONGEST_STEP_S or (self.state.streams and self.step_s >= self.seen_at - before_s + limit_s):
-            raise StreamFailure("controller_restarted", f"the controller's clock jumped by {self.step_s:.3f} s")
+            raise StreamFailure("controller_restarted", CLOCK_JUMPED(step_s=self.step_s))
         if self.state.streams and self.step_s >= limit_s:
-            raise StreamFailure("stalled", f"the controller's data has a gap of {1000 * self.step_s:.0f} ms")
+            raise StreamFailure("stalled", DATA_GAP(gap_ms=1000 * self.step_s))
         if self.connection is not None:
             self.connection.report()
             if not self.state.streams:
@@ -287,12 +297,10 @@ class Arm:
         last = self.recent[-1]
         allowed = self.robot.max_speed_rad_s * TARGET_TICKS * self.tick_s + 1e-6  # (J,) [rad], with rounding
         if not (np.all(np.abs(target - last) <= allowed) and np.all(np.abs(target) <= self.robot.reach_rad)):
-            raise StreamFailure(
-                "bad_target", f"target {np.round(target, 4)} after {np.round(last, 4)}: not finite, too far, or out of range"
-            )
+            raise StreamFailure("bad_target", TARGET_WRONG(target_rad=np.round(target, 4), last_rad=np.round(last, 4)))
         gap_s = time.monotonic() - self._sent_at
         if gap_s >= settings.max_timestamp_age_s:
-            raise StreamFailure("late", f"{1000 * gap_s:.0f} ms after the last target: this process got no processor time")
+            raise StreamFailure("late", TARGET_LATE(gap_ms=1000 * gap_s))
         if not self.control.servo(target, self.tick_s, settings.lookahead_s, settings.gain):
             raise self.refusal()
         self.taking.beat()  # each target is a beat, and nothing else is while the arm moves
@@ -345,8 +353,8 @@ class Arm:
             if failure is not None and not (failure.cause == "program_stopped" and self._cut):
                 return failure
         if self._cut:
-            return StreamFailure("connection_lost", "the controller closed the RTDE connection")
-        return StreamFailure("servo_refused", "the control program did not take the target")
+            return StreamFailure("connection_lost", CONNECTION_CLOSED())
+        return StreamFailure("servo_refused", TARGET_NOT_TAKEN())
 
     def _listen_to_parent(self) -> None:
         word = self.lifeline.word()

@@ -25,6 +25,7 @@ from monitor.acquire.ur.last_resorts import (
     send_at_once,
 )
 from monitor.errors import MotionRefused, RobotUnreachable
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 TARGET_CALL_S = 0.05  # a call of servoJ takes 0.05 ms; a busy machine adds 30 ms now and then; one that blocks waits for a lost connection
@@ -33,6 +34,12 @@ ENDING_CALL_S = 2.0  # the end of the program, with the arm at rest
 STANDING_S = 1.0  # between two reports of this process while the arm stands
 
 Result = TypeVar("Result")
+
+
+ARM_IN_USE = Sentence("arm_in_use", "another RTDE client controls the arm: {why}")
+CONNECTIONS_NOT_SHOWN = Sentence("connections_not_shown", "this machine does not show this process's connections: {why}")
+SOCKETS_NOT_LOCKED = Sentence("sockets_not_locked", "this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
+CONNECTION_BROKE_OFF = Sentence("connection_broke_off", "the RTDE connection broke off: {why}")
 
 
 class Control:
@@ -49,7 +56,7 @@ class Control:
             self._rtde = RTDEControlInterface(host, rate_hz, *_mode(lent=lent))
         except RuntimeError as error:
             if "already in use" in str(error):
-                raise MotionRefused(f"another RTDE client controls the arm: {error}") from None
+                raise MotionRefused(ARM_IN_USE(why=str(error))) from None
             raise RobotUnreachable(f"{host}: RTDE control: {error}") from None
         try:
             send_at_once(host)
@@ -57,11 +64,11 @@ class Control:
             self._peer = PeerWatch(host, RTDE_PORT)
             self._script_peer = PeerWatch(host, SCRIPT_PORT)
         except OSError as error:  # /proc is not there
-            raise MotionRefused(f"this machine does not show this process's connections: {error}") from None
+            raise MotionRefused(CONNECTIONS_NOT_SHOWN(why=str(error))) from None
         if lent:
             self.end_uploads()
         if why := forbid_new_sockets():
-            raise MotionRefused(f"this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
+            raise MotionRefused(SOCKETS_NOT_LOCKED(why=why))
         end_this_process_on_alarm()
 
     @property
@@ -123,7 +130,7 @@ class Control:
         try:
             result = function()
         except RuntimeError as error:  # whatever the sockets below report arrives as this one type
-            raise StreamFailure("connection_lost", f"the RTDE connection broke off: {error}") from None
+            raise StreamFailure("connection_lost", CONNECTION_BROKE_OFF(why=str(error))) from None
         report_within(self._pause_s)
         return result
 

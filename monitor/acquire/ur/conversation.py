@@ -18,6 +18,7 @@ from monitor.acquire.ur.dashboard import Dashboard, NobodyListens
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
 from monitor.acquire.ur.robot_api import Refused, RobotApi
 from monitor.errors import RobotUnreachable
+from monitor.reason import Sentence
 
 log = logging.getLogger(__name__)
 
@@ -78,6 +79,9 @@ def conversation(host: str, timeout_s: float = 2.0, *, robot_api_port: int = ROB
         yield opened
 
 
+SAFETY_MODE_IS = Sentence("safety_mode_is", "the controller's safety mode is {mode}")
+
+
 def safety_stop(host: str, timeout_s: float = 0.4, *, robot_api_port: int = ROBOT_API_PORT) -> SafetyStop | None:
     """The stop that the controller's safety system holds; None where there is none, or where the controller does not tell."""
     try:
@@ -85,7 +89,7 @@ def safety_stop(host: str, timeout_s: float = 0.4, *, robot_api_port: int = ROBO
             mode = controller.safety_mode() or "NORMAL"
     except RobotUnreachable:
         return None
-    return None if mode == "NORMAL" else SafetyStop(SAFETY_CAUSES.get(mode, "safety"), f"the controller's safety mode is {mode}")
+    return None if mode == "NORMAL" else SafetyStop(SAFETY_CAUSES.get(mode, "safety"), SAFETY_MODE_IS(mode=mode))
 
 
 def playing_program(host: str, timeout_s: float = 0.5, *, robot_api_port: int = ROBOT_API_PORT) -> str | None:

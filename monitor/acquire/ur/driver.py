@@ -18,6 +18,7 @@ from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
 from monitor.acquire.ur.rtde import Listening, observe, output_integers, rows_of, software_of
 from monitor.acquire.ur.software import model_of, understood
 from monitor.errors import RobotUnreachable
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 CURRENT_ROWS, CURRENT_RATE_HZ, CURRENT_WITHIN_S = 125, 125.0, 3.0  # one second of currents beside torques
@@ -36,6 +37,15 @@ CONNECTION_WORDS = (  # what ur-rtde and the libraries below it print when a con
 )
 
 
+CONNECTION_ABORTED = Sentence("connection_aborted", "the RTDE connection broke off, and its library aborted or blocked")
+CONNECTION_NOT_REOPENED = Sentence(
+    "connection_not_reopened", "the RTDE connection broke off, and its library was kept from connecting again"
+)
+TARGET_NOT_TAKEN_IN_TIME = Sentence("target_not_taken_in_time", "the controller did not take a target in time")
+PROCESS_STARVED = Sentence("process_starved", "the streaming process got no processor time for {silent_ms:.0f} ms")
+PROCESS_ENDED = Sentence("process_ended", "the child process ended {how}")
+
+
 def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interruption:
     """Why a session's process ended without a last word; it had been silent for silent_s before.
 
@@ -43,15 +53,15 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interr
     ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset, or blocks; what it `printed` says so.
     """
     if exit_code < 0 and any(word in printed for word in CONNECTION_WORDS):
-        return Interruption("connection_lost", "the RTDE connection broke off, and its library aborted or blocked")
+        return Interruption("connection_lost", CONNECTION_ABORTED())
     if exit_code == -signal.SIGSYS:
-        return Interruption("connection_lost", "the RTDE connection broke off, and its library was kept from connecting again")
+        return Interruption("connection_lost", CONNECTION_NOT_REOPENED())
     if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:
-        return Interruption("stalled", "the controller did not take a target in time")
+        return Interruption("stalled", TARGET_NOT_TAKEN_IN_TIME())
     if exit_code == -signal.SIGALRM:
-        return Interruption("late", f"the streaming process got no processor time for {1000.0 * silent_s:.0f} ms")
+        return Interruption("late", PROCESS_STARVED(silent_ms=1000.0 * silent_s))
     how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
-    return Interruption("child_died", f"the child process ended {how}")
+    return Interruption("child_died", PROCESS_ENDED(how=how))
 
 
 class UniversalRobots:

@@ -8,7 +8,7 @@ import numpy as np
 from monitor.acquire import state as names
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import Array
 
 EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
@@ -22,9 +22,9 @@ class StreamFailure(Exception):
     `ours` is False where another program than ours may be what plays: nobody may stop it then, and our watchdog ends ours.
     """
 
-    def __init__(self, cause: str, text: str, *, ours: bool = True) -> None:
-        super().__init__(text)
-        self.cause, self.ours = cause, ours
+    def __init__(self, cause: str, said: str | Reason, *, ours: bool = True) -> None:
+        super().__init__(str(said))
+        self.cause, self.reason, self.ours = cause, reason_of(said), ours
 
 
 class Stopped(Exception):
@@ -33,6 +33,16 @@ class Stopped(Exception):
     def __init__(self, cause: str = "parent_asked_to_stop") -> None:
         super().__init__(cause)
         self.cause = cause
+
+
+SAFETY_MODE_LEFT = Sentence("safety_mode_left", "safety mode {mode} ({name:word}), bits {bits:#x}")
+ROBOT_MODE_LEFT = Sentence("robot_mode_left", "robot mode {mode} ({name:word})")
+PROGRAM_LEFT = Sentence("program_left", "the control program is {name:word} (runtime state {runtime_state})")
+POSITIONS_NOT_FINITE_NOW = Sentence("positions_not_finite_now", "the controller reports positions that are not finite")
+PAYLOAD_CHANGED = Sentence(
+    "payload_changed", "the controller reckons with {payload_kg:.3f} kg now, the configuration says {configured_kg:.3f} kg"
+)
+TEMPERATURES_LEFT = Sentence("temperatures_left", "joint temperatures {temperatures_c:.1f} °C; allowed {low_c:g} to {high_c:g}")
 
 
 def state_failure(
@@ -51,37 +61,41 @@ def state_failure(
     """
     if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
         name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        return StreamFailure(_safety_cause(state), f"safety mode {state.safety_mode} ({name}), bits {state.safety_bits:#x}")
+        return StreamFailure(_safety_cause(state), SAFETY_MODE_LEFT(mode=state.safety_mode, name=name, bits=state.safety_bits))
     if failure := teach_failure(state):  # before the robot mode, which an arm in freedrive leaves
         return failure
     if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        return StreamFailure("robot_mode", f"robot mode {state.robot_mode} ({names.ROBOT_MODES.get(state.robot_mode, 'unknown')})")
+        return StreamFailure("robot_mode", ROBOT_MODE_LEFT(mode=state.robot_mode, name=names.ROBOT_MODES.get(state.robot_mode, "unknown")))
     if failure := joints_failure(state):
         return failure
     if playing and state.runtime_state != names.RUNTIME_PLAYING:
         name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return StreamFailure("program_stopped", f"the control program is {name} (runtime state {state.runtime_state})")
+        return StreamFailure("program_stopped", PROGRAM_LEFT(name=name, runtime_state=state.runtime_state))
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
-        return StreamFailure("bad_data", "the controller reports positions that are not finite")
+        return StreamFailure("bad_data", POSITIONS_NOT_FINITE_NOW())
     if failure := speed_failure(state) if up_to_speed else slider_failure(state):
         return failure
     if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # False for NaN: not reported
-        return StreamFailure(
-            "payload", f"the controller reckons with {state.payload_kg:.3f} kg now, the configuration says {payload_kg:.3f} kg"
-        )
+        return StreamFailure("payload", PAYLOAD_CHANGED(payload_kg=state.payload_kg, configured_kg=payload_kg))
     coldest, hottest = settings.joint_temperature_range_c
     if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
         return StreamFailure(
-            "joint_temperature", f"joint temperatures {np.round(state.temperature_c, 1)} °C; allowed {coldest:g} to {hottest:g}"
+            "joint_temperature", TEMPERATURES_LEFT(temperatures_c=np.round(state.temperature_c, 1), low_c=coldest, high_c=hottest)
         )
     return None
+
+
+SLIDER_MOVED = Sentence("slider_moved", "the speed slider is at {share_percent:.0f} %: the arm plays another trajectory")
 
 
 def slider_failure(state: ArmState) -> StreamFailure | None:
     """The failure where the operator's slider is below 100 %; for a program that has just started, whose limiter still stands at 0."""
     if math.isnan(state.speed_fraction) or state.slider_full:
         return None
-    return StreamFailure("speed_scaling", f"the speed slider is at {100.0 * state.speed_fraction:.0f} %: the arm plays another trajectory")
+    return StreamFailure("speed_scaling", SLIDER_MOVED(share_percent=100.0 * state.speed_fraction))
+
+
+PROGRAM_SLOW = Sentence("program_slow", "the program plays at {share_percent:.0f} % of its speed: the arm plays another trajectory")
 
 
 def speed_failure(state: ArmState) -> StreamFailure | None:
@@ -90,22 +104,28 @@ def speed_failure(state: ArmState) -> StreamFailure | None:
         return None
     return StreamFailure(
         "speed_scaling",
-        f"the program plays at {100.0 * state.speed:.0f} % of its speed: the arm plays another trajectory",
+        PROGRAM_SLOW(share_percent=100.0 * state.speed),
         ours=not state.slider_full,  # with a full slider so begins every program, and ours has begun long ago
     )
+
+
+JOINT_LEFT = Sentence("joint_left", "{joint:joint} is in mode {mode:g}; expected {running} (running)")
 
 
 def joints_failure(state: ArmState) -> StreamFailure | None:
     """The failure where a joint's drive is off or its brake is closed."""
     for j, mode in enumerate(state.joint_modes):
         if not (math.isnan(mode) or mode == names.JOINT_MODE_RUNNING):
-            return StreamFailure("robot_mode", f"{joint_text(j + 1)} is in mode {mode:g}; expected {names.JOINT_MODE_RUNNING} (running)")
+            return StreamFailure("robot_mode", JOINT_LEFT(joint=j + 1, mode=mode, running=names.JOINT_MODE_RUNNING))
     return None
+
+
+TEACH_BUTTON_PRESSED = Sentence("teach_button_pressed", "somebody holds the freedrive button")
 
 
 def teach_failure(state: ArmState) -> StreamFailure | None:
     """The failure where somebody holds the freedrive button: a person is at the arm."""
-    return StreamFailure("teach_button", "somebody holds the freedrive button") if state.teach_button_held else None
+    return StreamFailure("teach_button", TEACH_BUTTON_PRESSED()) if state.teach_button_held else None
 
 
 def _safety_cause(state: ArmState) -> str:
@@ -122,6 +142,9 @@ RECENT_S = 0.5  # a failure so soon after late targets is taken for their conseq
 MOST_TICKS = 2.5  # between two rows: one tick that is left out is made up for, a longer gap interrupts the stream of targets
 LATE_SHARE = 0.5  # of the longest gap: a process that slept so long without a check was late itself
 WATCHDOG_SHARE = 0.5  # of the watchdog's time: after a longer gap, the watchdog may have stopped the program because of us
+
+
+TARGETS_LATE = Sentence("targets_late", "targets came late, {gap_ms:.0f} ms between two cycles; then {cause}: {then}")
 
 
 class CycleGaps:
@@ -157,16 +180,18 @@ class CycleGaps:
         }.get(failure.cause)
         if enough_s is None or self._recent_s < enough_s or now_s - self._recent_at_s > RECENT_S:
             return failure
-        return StreamFailure(
-            "late", f"targets came late, {1000 * self._recent_s:.0f} ms between two cycles; then {failure.cause}: {failure}"
-        )
+        return StreamFailure("late", TARGETS_LATE(gap_ms=1000 * self._recent_s, cause=failure.cause, then=failure.reason))
+
+
+NO_PROCESSOR_TIME = Sentence("no_processor_time", "this process got no processor time for {slept_ms:.0f} ms")
+NO_DATA_FOR = Sentence("no_data_for", "no new data from the controller for {age_ms:.0f} ms")
 
 
 def gap_failure(age_s: float, slept_s: float, limit_s: float) -> StreamFailure:
     """The failure after so long without a row, where this process did not check for slept_s of it."""
     if slept_s >= LATE_SHARE * limit_s:
-        return StreamFailure("late", f"this process got no processor time for {1000 * slept_s:.0f} ms")
-    return StreamFailure("stalled", f"no new data from the controller for {1000 * age_s:.0f} ms")
+        return StreamFailure("late", NO_PROCESSOR_TIME(slept_ms=1000 * slept_s))
+    return StreamFailure("stalled", NO_DATA_FOR(age_ms=1000 * age_s))
 
 
 LAG_S = 0.04  # an arm may be so far behind the controller's target; real ones are 1 to 10 ms behind it
@@ -175,6 +200,19 @@ FASTEST_RAD_S, JUMP_RAD = 2.0 * math.pi, 0.02  # the fastest joint of any arm; b
 WATCHED_S = 0.15  # without a target for so long our program has been ended: by its watchdog after 0.1 s, or by the guard of a node
 BEHIND_RAD_S = 0.05  # a controller that goes at this speed to where it was sent long ago gets its targets too late
 ROWS = 3  # successive rows before a small distance counts: one row may be torn between two ticks of the controller
+
+
+POSITION_JUMPED = Sentence(
+    "position_jumped",
+    "the position of {joint:joint} jumped by {jump_rad:.3f} rad between two rows: no joint is so fast, its encoder is wrong",
+)
+ARM_HELD = Sentence("arm_held", "{joint:joint} is {far_rad:.3f} rad from the controller's own target: something holds it")
+CONTROLLER_ELSEWHERE = Sentence(
+    "controller_elsewhere", "the controller's own target of {joint:joint} is {far_rad:.3f} rad from where it was sent"
+)
+TARGETS_CAME_LATE = Sentence("targets_came_late", "targets came late: {elsewhere}")
+PLACE_TAKEN = Sentence("place_taken", "{elsewhere}, and a program plays: it has taken the place of ours")
+TARGETS_DO_NOT_ARRIVE = Sentence("targets_do_not_arrive", "{elsewhere}: targets do not arrive")
 
 
 class Tracking:
@@ -201,9 +239,7 @@ class Tracking:
         before, self._before = q if self._before is None else self._before, q
         j, jump = _farthest(q, before[None])
         if not jump <= FASTEST_RAD_S * (self._tick_s if step_s is None else step_s) + JUMP_RAD:
-            text = (
-                f"the position of {joint_text(j + 1)} jumped by {jump:.3f} rad between two rows: no joint is so fast, its encoder is wrong"
-            )
+            text = POSITION_JUMPED(joint=j + 1, jump_rad=jump)
             return StreamFailure("following_error", text)
         self._own.append(own_q)
         j, far = _farthest(q, np.array(self._own))
@@ -211,22 +247,20 @@ class Tracking:
         # a servo whose targets were late may shake for a moment; it stays within largest_rad
         self._outside = self._outside + 1 if far > allowed and not late else 0
         if far > self._largest_rad or self._outside >= ROWS:
-            return StreamFailure(
-                "following_error", f"{joint_text(j + 1)} is {far:.3f} rad from the controller's own target: something holds it"
-            )
+            return StreamFailure("following_error", ARM_HELD(joint=j + 1, far_rad=far))
         j, far = _farthest(own_q, sent)
         self._apart_s = self._apart_s + (self._tick_s if step_s is None else step_s) if far > self._lasting_rad else 0.0
         if far <= self._largest_rad:
             return None
         # the arm follows its controller, so nothing holds it: targets do not arrive, or another program moves it
-        elsewhere = f"the controller's own target of {joint_text(j + 1)} is {far:.3f} rad from where it was sent"
+        elsewhere = CONTROLLER_ELSEWHERE(joint=j + 1, far_rad=far)
         if late:
-            return StreamFailure("late", f"targets came late: {elsewhere}", ours=False)
+            return StreamFailure("late", TARGETS_CAME_LATE(elsewhere=elsewhere), ours=False)
         above = own_q[j] > sent[:, j].max()
         follows = (-own_qd[j] if above else own_qd[j]) > BEHIND_RAD_S
         if not follows and self._apart_s + len(sent) * self._tick_s >= WATCHED_S:
-            return StreamFailure("program_stopped", f"{elsewhere}, and a program plays: it has taken the place of ours", ours=False)
-        return StreamFailure("stalled", f"{elsewhere}: targets do not arrive", ours=False)
+            return StreamFailure("program_stopped", PLACE_TAKEN(elsewhere=elsewhere), ours=False)
+        return StreamFailure("stalled", TARGETS_DO_NOT_ARRIVE(elsewhere=elsewhere), ours=False)
 
 
 def _farthest(q: Array, targets: Array) -> tuple[int, float]:

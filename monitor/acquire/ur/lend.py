@@ -20,8 +20,8 @@ from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.node import NO_NUMBER, VARIABLES, Node
 from monitor.acquire.ur.node_script import ASTRAY, LOST, HandOverSettings
-from monitor.errors import MotionRefused
-from monitor.reason import joint_text
+from monitor.errors import DOES_NOT_HOLD, MotionRefused
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 NEAR_RAD = HandOverSettings().near_rad  # the node looks at the same limit, at its own target
@@ -31,10 +31,25 @@ ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; i
 GUARD_S = 0.3  # the guard of a node that was taken repeats beats within that time
 ABSENT_S = 3.0  # a parent that says nothing for so long, ten times as long as it ever computes, is stopped or hangs
 UNGUARDED_S = 0.1  # a beat comes back after two ticks; a guard that repeats none for so long does not run
-ABSENT = "the monitor's own process says nothing"
-GONE_ON = "the program went on before the arm was taken"
-DEAF = "the program's node neither lends the arm nor goes on; does the program play, or is it paused there?"
+ABSENT = Sentence("monitor_says_nothing", "the monitor's own process says nothing")()
+GONE_ON = Sentence("program_went_on", "the program went on before the arm was taken")()
+DEAF = Sentence("node_is_deaf", "the program's node neither lends the arm nor goes on; does the program play, or is it paused there?")()
 GONE_ON_S = 0.3  # so long the program is watched after it got its arm back: a watchdog that was left behind would stop it after 0.1 s
+
+
+NODE_TOOK_BACK = Sentence("node_took_back", "the program's node has taken the arm back (state {state})")
+GUARD_SILENT = Sentence("guard_silent", "the guard of the program's node has repeated no beat for {silent_ms:.0f} ms")
+NO_NODE_AT_ALL = Sentence("no_node_at_all", "is there a node in the program, and does it play?")
+NOT_TAKEN_AT = Sentence("not_taken_at", "at the last one: {why}")
+NO_NODE = Sentence("no_node", "hand_over: no node at which the arm could be taken within {wait_h:.3g} h; {last}")
+GUARD_REPEATS_NO_BEAT = Sentence(
+    "guard_repeats_no_beat",
+    "hand_over: the guard of the program's node repeats no beat, so nothing would stop a lost arm; is the node's text of this version?",
+)
+AWAY_FROM_PLACE = Sentence("away_from_place", "{joint:joint} is {away_mrad:.1f} mrad from where the arm was taken")
+NODE_TOOK_BACK_EARLY = Sentence("node_took_back_early", "the program's node has taken the arm back before it was given (state {state})")
+NODE_FOUND_ASTRAY = Sentence("node_found_astray", "the program's node found the arm elsewhere than it was taken, and ended the program")
+NODE_ENDED_PROGRAM = Sentence("node_ended_program", "the program's node ended the program after it got its arm back (state {state})")
 
 
 class Lend:
@@ -83,7 +98,7 @@ class Lend:
                 arm.wait_for_full_speed()
             except StreamFailure as failure:
                 if failure.cause in GIVEN_BACK:
-                    raise MotionRefused(f"{failure.cause}: {failure}") from None
+                    raise MotionRefused(DOES_NOT_HOLD(condition=failure.cause, why=failure.reason)) from None
                 raise
 
     def guard(self, arm: Arm) -> None:
@@ -94,9 +109,9 @@ class Lend:
         if found is not None:
             return found
         if not self.node.taken:
-            return StreamFailure("program_stopped", f"the program's node has taken the arm back (state {self.node.state})")
+            return StreamFailure("program_stopped", NODE_TOOK_BACK(state=self.node.state))
         if (silent_s := self.node.silent_s(arm.seen_at)) > UNGUARDED_S:
-            return StreamFailure("no_watchdog", f"the guard of the program's node has repeated no beat for {1000 * silent_s:.0f} ms")
+            return StreamFailure("no_watchdog", GUARD_SILENT(silent_ms=1000 * silent_s))
         return None
 
     def beat(self) -> None:
@@ -120,7 +135,8 @@ class Lend:
         assert lent is not None
         arm.say(Event.NODE, duration_s=lent.wait_s)
         node.say_due(True)
-        until, number, deaf, why = time.monotonic() + lent.wait_s, None, None, ""
+        until, number, deaf = time.monotonic() + lent.wait_s, None, None
+        why: Reason | None = None
         while True:
             row = _row_in_time(arm)
             if arm.state.must_rest:
@@ -128,20 +144,20 @@ class Lend:
                 raise Stopped(arm.stop_cause)
             offered = node.offered
             if number is not None and offered != number:  # the program has gone on
-                arm.outbox.message("passed_by", text=why)
+                arm.outbox.message("passed_by", reason=(why or GONE_ON).document())
                 number = None
             if offered is not None and offered != deaf:
                 number, why = offered, why_not_taken(arm, row, known)
-                if not why and not (why := self.take_offered(arm, offered)):
+                if why is None and (why := self.take_offered(arm, offered)) is None:
                     return
                 deaf = offered if why == DEAF else None
             if time.monotonic() > until:
                 self._leave_alone()
-                last = f"; at the last one: {why}" if why else "; is there a node in the program, and does it play?"
-                raise MotionRefused(f"hand_over: no node at which the arm could be taken within {lent.wait_s / 3600.0:.3g} h{last}")
+                last = NO_NODE_AT_ALL() if why is None else NOT_TAKEN_AT(why=why)
+                raise MotionRefused(NO_NODE(wait_h=lent.wait_s / 3600.0, last=last))
 
-    def take_offered(self, arm: Arm, number: int) -> str:
-        """Ask for the arm that is offered under this number: why it was not taken; empty once it is ours.
+    def take_offered(self, arm: Arm, number: int) -> Reason | None:
+        """Ask for the arm that is offered under this number: why it was not taken; None once it is ours.
 
         Until the node has answered nobody knows whether its program would end with this process: the parent is told so before. Raises
         StreamFailure.
@@ -160,7 +176,7 @@ class Lend:
             arm.next_row()
         arm.say(Event.TAKEN, number=number)
         node.taken_q = arm.next_row()[COLUMN["target_q"]].copy()
-        return ""
+        return None
 
     def _prove_guard(self, arm: Arm) -> None:
         """See the node's guard repeat beats: it is what stops the arm if this process dies.
@@ -174,10 +190,7 @@ class Lend:
             arm.next_row()
             repeated += node.silent_s(arm.seen_at) == 0.0
             if arm.seen_at - begin_s > GUARD_S:
-                text = (
-                    "the guard of the program's node repeats no beat, so nothing would stop a lost arm; is the node's text of this version?"
-                )
-                raise MotionRefused(f"hand_over: {text}")
+                raise MotionRefused(GUARD_REPEATS_NO_BEAT())
 
     def _leave_alone(self) -> None:
         """No replay is due any longer: the node costs the program nothing."""
@@ -195,22 +208,22 @@ class Lend:
             away = np.abs(row[COLUMN[name]] - node.taken_q)  # (J,)
             if not np.all(away <= NEAR_RAD):
                 j = int(np.argmax(away))
-                raise StreamFailure("astray", f"{joint_text(j + 1)} is {1000.0 * away[j]:.1f} mrad from where the arm was taken")
+                raise StreamFailure("astray", AWAY_FROM_PLACE(joint=j + 1, away_mrad=1000.0 * away[j]))
         if not node.taken:
-            raise StreamFailure("program_stopped", f"the program's node has taken the arm back before it was given (state {node.state})")
+            raise StreamFailure("program_stopped", NODE_TOOK_BACK_EARLY(state=node.state))
         arm.say(Event.GIVING_BACK)
         node.say_due(False)
         node.release()
         wait_until_taken_back(arm, node)
         if node.state in {LOST, ASTRAY}:
-            raise StreamFailure("astray", "the program's node found the arm elsewhere than it was taken, and ended the program")
+            raise StreamFailure("astray", NODE_FOUND_ASTRAY())
         node.number, arm.program_sent = NO_NUMBER, False
         arm.say(Event.GIVEN_BACK)
         begin_s = arm.seen_at
         while arm.seen_at - begin_s < GONE_ON_S:
             arm.next_row()
             if node.state in {LOST, ASTRAY}:
-                text = f"the program's node ended the program after it got its arm back (state {node.state})"
+                text = NODE_ENDED_PROGRAM(state=node.state)
                 raise StreamFailure("program_stopped", text)
 
 
@@ -228,15 +241,19 @@ def _row_in_time(arm: Arm) -> Array:
             arm.control.report()
 
 
-def why_not_taken(arm: Arm, row: Array, known: ConditionInputs) -> str:
-    """Why the arm is not taken in this state; empty where every condition holds."""
+def why_not_taken(arm: Arm, row: Array, known: ConditionInputs) -> Reason | None:
+    """Why the arm is not taken in this state; None where every condition holds."""
     if arm.unheard_s > ABSENT_S:
         return ABSENT
     try:
         check_state(replace(known, state=arm_state(row)), without=("approach_clear",))
     except MotionRefused as refusal:
-        return str(refusal)
-    return ""
+        return refusal.reason
+    return None
+
+
+STOPPED_THEN = Sentence("stopped_then", "{why}; {then}")
+ARM_NOT_TAKEN_BACK = Sentence("arm_not_taken_back", "the program is {name:word} and did not take its arm back")
 
 
 def wait_until_taken_back(arm: Arm, node: Node) -> None:
@@ -247,5 +264,7 @@ def wait_until_taken_back(arm: Arm, node: Node) -> None:
         if state.runtime_state != RUNTIME_PLAYING or arm.seen_at - begin_s > ANSWER_S:
             name = RUNTIME_STATES.get(state.runtime_state, "unknown")
             why = state_failure(state, arm.settings, playing=False, up_to_speed=False)  # a safety stop pauses the program
-            text = f"the program is {name} and did not take its arm back"
-            raise StreamFailure("program_stopped", text) if why is None else StreamFailure(why.cause, f"{why}; {text}")
+            text = ARM_NOT_TAKEN_BACK(name=name)
+            raise (
+                StreamFailure("program_stopped", text) if why is None else StreamFailure(why.cause, STOPPED_THEN(why=why.reason, then=text))
+            )

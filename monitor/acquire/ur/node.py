@@ -15,11 +15,19 @@ from rtde_receive import RTDEReceiveInterface
 from monitor.acquire.ur.failures import StreamFailure
 from monitor.acquire.ur.node_script import BEAT, DUE, ECHO, NUMBER_MAX, OFFER, OFFERED, STATE, TAKE, TAKEN
 from monitor.errors import MotionRefused, RobotUnreachable
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 VARIABLES = tuple(f"output_int_register_{register}" for register in (ECHO, OFFER, STATE))  # to be received beside the rows
 BEAT_S = 0.015  # between two beats while this process computes; the node waits for a beat for at least 0.12 s
 NO_NUMBER = 0
+
+
+REGISTERS_IN_USE = Sentence(
+    "registers_in_use", "another RTDE client writes the registers of the hand-over, input_int_register_{first} to {last}: {why}"
+)
+REGISTERS_LOST = Sentence("registers_lost", "the RTDE connection of the input registers broke off: {why}")
+REGISTERS_REFUSED = Sentence("registers_refused", "the controller takes no input registers")
 
 
 class Node:
@@ -40,9 +48,7 @@ class Node:
             self._io = RTDEIOInterface(host)
         except RuntimeError as error:
             if "already in use" in str(error):
-                raise MotionRefused(
-                    f"another RTDE client writes the registers of the hand-over, input_int_register_{TAKE} to {DUE}: {error}"
-                ) from None
+                raise MotionRefused(REGISTERS_IN_USE(first=TAKE, last=DUE, why=str(error))) from None
             raise RobotUnreachable(f"{host}: RTDE input registers: {error}") from None
         self._write(TAKE, NO_NUMBER)
 
@@ -119,6 +125,6 @@ class Node:
         try:
             written = self._io.setInputIntRegister(register, value)
         except RuntimeError as error:
-            raise StreamFailure("connection_lost", f"the RTDE connection of the input registers broke off: {error}") from None
+            raise StreamFailure("connection_lost", REGISTERS_LOST(why=str(error))) from None
         if not written:
-            raise StreamFailure("connection_lost", "the controller takes no input registers")
+            raise StreamFailure("connection_lost", REGISTERS_REFUSED())

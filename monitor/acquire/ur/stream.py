@@ -27,6 +27,7 @@ from monitor.acquire.ur.failures import Stopped, StreamFailure
 from monitor.acquire.ur.lend import Lend
 from monitor.acquire.ur.upload import Upload
 from monitor.errors import MonitorError, RobotUnreachable
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 STATE_ROWS = 13  # the accelerometer is averaged over so many rows: 0.1 s at 125 Hz
@@ -163,6 +164,9 @@ def follow(arm: Arm, duration_s: float, position: Callable[[float], Array], *, k
             return
 
 
+RESTLESS = Sentence("restless", "the arm did not come to rest within {limit_s:g} s")
+
+
 def settle(arm: Arm) -> None:
     """Hold the last target until the arm has been at rest for STILL_S.
 
@@ -179,7 +183,7 @@ def settle(arm: Arm) -> None:
         slow = np.max(np.abs(row[COLUMN["actual_qd"]])) < STANDSTILL_RAD_S and np.max(np.abs(row[COLUMN["target_qd"]])) < STILL_TARGET_RAD_S
         still_s = still_s + arm.step_s if slow else 0.0
         if waited_s > SETTLE_S:
-            raise StreamFailure("restless", f"the arm did not come to rest within {SETTLE_S:g} s")
+            raise StreamFailure("restless", RESTLESS(limit_s=SETTLE_S))
 
 
 def finish(arm: Arm) -> None:
@@ -219,6 +223,9 @@ def play(arm: Arm, known: ConditionInputs, begin_q: Array) -> None:
     finish(arm)
 
 
+OFF_PATH = Sentence("off_path", "the arm rests {off_path_rad:.2f} rad from its trajectory: there is no way back along it")
+
+
 def _bring_back(arm: Arm, known: ConditionInputs, begin_q: Array, *, on_path: bool) -> None:
     """Bring a lent arm, which rests where a stop was asked for, back over the way it came to begin_q (J,), and give it back.
 
@@ -228,7 +235,7 @@ def _bring_back(arm: Arm, known: ConditionInputs, begin_q: Array, *, on_path: bo
     left = Left(path_digest=known.excitation.path_digest, on_path=on_path, q=tuple(here), home_q=tuple(begin_q), free=True)
     way = replace(known, left=left).way_from_position(here)
     if on_path and way.back_from_s is None:
-        raise StreamFailure("astray", f"the arm rests {way.off_path_rad:.2f} rad from its trajectory: there is no way back along it")
+        raise StreamFailure("astray", OFF_PATH(off_path_rad=way.off_path_rad))
     there, back = way.to_start(arm.settings), way.to_home(arm.settings)
     arm.say(Event.WAY_BACK, duration_s=there.duration_s)
     follow(arm, there.duration_s, there.at)
@@ -236,6 +243,17 @@ def _bring_back(arm: Arm, known: ConditionInputs, begin_q: Array, *, on_path: bo
     stream(arm, Event.RETURN, back.duration_s, back.at)
     settle(arm)
     finish(arm)
+
+
+UNWATCHED = Sentence("unwatched", "the monitor's own process said nothing for {silence_s:g} s")
+ON_REQUEST = Sentence("stop_requested", "stopped on request")
+NOTHING_MOVED, ARM_BACK, ARM_STANDS = (
+    Sentence("nothing_moved", "nothing has moved"),
+    Sentence("arm_given_back", "the program has its arm back"),
+    Sentence("arm_stands", "the arm stands"),
+)
+STOPPED_AT = Sentence("stopped_at", "{why}; {where}")
+FAULT = Sentence("fault", "{kind}: {what}")
 
 
 def main() -> None:
@@ -269,23 +287,23 @@ def main() -> None:
             arm.taking.leave_nothing_behind(arm, failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
         last = Event.FAILED if arm.program_sent else Event.STOPPED
-        outbox.message(last, cause=explained.cause, found=failure.cause, text=str(explained), ours=failure.ours)
+        outbox.message(last, cause=explained.cause, found=failure.cause, reason=explained.reason.document(), ours=failure.ours)
     except Stopped as stopped:
         assert arm is not None
         before = arm.proved_q is None
         silence_s = arm.taking.absent_s if before else UNWATCHED_S
-        why = f"the monitor's own process said nothing for {silence_s:g} s" if stopped.cause == "late" else "stopped on request"
+        why = UNWATCHED(silence_s=silence_s) if stopped.cause == "late" else ON_REQUEST()
         given_back = arm.state.program is Program.GOES_ON
-        where = "nothing has moved" if before else "the program has its arm back" if given_back else "the arm stands"
+        where = NOTHING_MOVED if before else ARM_BACK if given_back else ARM_STANDS
         # a lent arm away from its place is not given back
         last = Event.FAILED if arm.program_sent and not arm.taking.anywhere else Event.STOPPED
-        outbox.message(last, cause=stopped.cause, text=f"{why}; {where}")
+        outbox.message(last, cause=stopped.cause, reason=STOPPED_AT(why=why, where=where()).document())
     except RobotUnreachable as error:
-        outbox.message(Event.UNREACHABLE, text=str(error))
+        outbox.message(Event.UNREACHABLE, reason=error.reason.document())
     except MonitorError as error:
-        outbox.message(Event.REFUSED, text=str(error))
+        outbox.message(Event.REFUSED, reason=error.reason.document())
     except BaseException as error:
-        outbox.message(Event.FAILED, cause="internal", text=f"{type(error).__name__}: {error}")
+        outbox.message(Event.FAILED, cause="internal", reason=FAULT(kind=type(error).__name__, what=str(error)).document())
     leave(1)
 
 

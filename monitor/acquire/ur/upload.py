@@ -29,6 +29,7 @@ from monitor.acquire.state import (
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import StreamFailure, state_failure
 from monitor.acquire.ur.primary import ProgramMessages
+from monitor.reason import Reason, Sentence
 
 NAME = "rtde_control"  # of ur-rtde's program, in its first line
 ALONE_S = 0.12  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
@@ -43,6 +44,25 @@ WATCHDOG_LATE_S = 0.1  # a program that ends so much later than its watchdog say
 WATCHDOG_EARLY_SHARE = 0.5  # a program that ends before this share of the watchdog's time was not ended by it
 ANSWER_S, ANSWER_TICKS = 0.05, 5.0  # our program answers two to four ticks after its start; the larger of both is the limit
 END_CHECKS, END_PAUSE_S = 100, 0.01  # a control program that was asked to end at the end of the replay gets 1 s
+
+
+FOREIGN_PROGRAM_STATE = Sentence("foreign_program_state", "somebody else's program is {name:word}; nothing was sent")
+FOREIGN_PROGRAM_STARTED = Sentence("foreign_program_started", "somebody else's program has started; nothing was sent")
+FOREIGN_PROGRAM_NAMED = Sentence("foreign_program_named", "somebody else's program {program!r} has started; nothing was sent")
+PROGRAM_CONNECTION_CLOSED = Sentence(
+    "program_connection_closed", "the controller closed the connection on which programs are sent; nothing was sent"
+)
+PROGRAM_NOT_SENT = Sentence("program_not_sent", "the control program could not be sent")
+WATCHDOG_SILENT = Sentence("watchdog_silent", "without targets the program went on for {went_on_s:.2f} s")
+WATCHDOG_EARLY = Sentence("watchdog_early", "the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s")
+WATCHDOG_WRONG_STATE = Sentence("watchdog_wrong_state", "without targets the program is {name:word}; expected stopped")
+ANSWERED_LATE = Sentence(
+    "answered_late", "the program answered only after {took_ms:.0f} ms: somebody else's may have run until ours replaced it"
+)
+WATCHDOG_NOT_ACCEPTED = Sentence("watchdog_not_accepted", "the controller did not accept the watchdog")
+PROGRAM_REPLACED_OURS = Sentence("program_replaced_ours", "somebody else's program {program!r} was started in the place of ours")
+CLOSED_BEFORE_END = Sentence("closed_before_end", "the controller closed the RTDE connection before it said that the program has ended")
+PROGRAM_RUNS_ON = Sentence("program_runs_on", "the control program still runs although it was asked to end")
 
 
 class Upload:
@@ -87,17 +107,17 @@ class Upload:
         control = arm.control
         runtime = arm_state(arm.fresh_row()).runtime_state
         if runtime != RUNTIME_STOPPED:
-            raise StreamFailure("no_control", f"somebody else's program is {RUNTIME_STATES.get(runtime, 'unknown')}; nothing was sent")
+            raise StreamFailure("no_control", FOREIGN_PROGRAM_STATE(name=RUNTIME_STATES.get(runtime, "unknown")))
         if control.program_runs():
-            raise StreamFailure("no_control", "somebody else's program has started; nothing was sent")
+            raise StreamFailure("no_control", FOREIGN_PROGRAM_STARTED())
         if self.messages.started() and (name := self.messages.running) not in (None, NAME):
-            raise StreamFailure("no_control", f"somebody else's program {name!r} has started; nothing was sent")
+            raise StreamFailure("no_control", FOREIGN_PROGRAM_NAMED(program=name))
         if not control.can_upload:  # ur-rtde would send it to nobody
-            raise StreamFailure("connection_lost", "the controller closed the connection on which programs are sent; nothing was sent")
+            raise StreamFailure("connection_lost", PROGRAM_CONNECTION_CLOSED())
         self.messages.mistake = ""
         arm.program_sent = True
         if not control.upload():
-            raise StreamFailure("no_control", "the control program could not be sent")
+            raise StreamFailure("no_control", PROGRAM_NOT_SENT())
         arm.note_busy()
         _Beginning(arm, self).follow()
 
@@ -116,16 +136,14 @@ class Upload:
                 raise failure
             if row[0] - since_s > period_s + WATCHDOG_LATE_S:
                 # where the controller tells no names it may be another one by now, which nobody of us may stop
-                raise StreamFailure(
-                    "no_watchdog", f"without targets the program went on for {row[0] - since_s:.2f} s", ours=self.messages.open
-                )
+                raise StreamFailure("no_watchdog", WATCHDOG_SILENT(went_on_s=row[0] - since_s), ours=self.messages.open)
             if failure := state_failure(state, arm.settings, arm.payload_kg, up_to_speed=False):
                 raise failure
             row = arm.next_row()
             state = arm_state(row)
         took_s = row[0] - since_s
         if took_s < WATCHDOG_EARLY_SHARE * period_s - arm.tick_s:
-            text = f"the program ended {took_s:.2f} s after its watchdog was set; asked {period_s:g} s"
+            text = WATCHDOG_EARLY(took_s=took_s, period_s=period_s)
             arm.program_sent = state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}
             raise StreamFailure("program_stopped", text, ours=False)  # what plays from now on is another
         while state.runtime_state != RUNTIME_STOPPED or control.program_runs():
@@ -133,7 +151,7 @@ class Upload:
                 raise failure
             if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
                 name = RUNTIME_STATES.get(state.runtime_state, "unknown")
-                text = f"without targets the program is {name}; expected stopped"
+                text = WATCHDOG_WRONG_STATE(name=name)
                 raise StreamFailure("no_watchdog", text, ours=state.runtime_state != RUNTIME_PLAYING)  # it ended: what plays now is another
             row = arm.next_row()
             state = arm_state(row)
@@ -150,7 +168,7 @@ class Upload:
         arm.note_busy()
         took_s = arm.seen_at - since_s
         if took_s > max(ANSWER_S, ANSWER_TICKS * arm.tick_s):
-            text = f"the program answered only after {1000 * took_s:.0f} ms: somebody else's may have run until ours replaced it"
+            text = ANSWERED_LATE(took_ms=1000 * took_s)
             raise StreamFailure("no_control", text)
 
     def _not_watched(self, arm: Arm) -> StreamFailure:
@@ -159,7 +177,7 @@ class Upload:
         if arm.receive.getRuntimeState() in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
             arm.program_sent = False  # it was seen to run before: it has ended, and what runs next is another
         if failure.cause == "servo_refused":
-            failure = StreamFailure("no_watchdog", "the controller did not accept the watchdog", ours=self.messages.open)
+            failure = StreamFailure("no_watchdog", WATCHDOG_NOT_ACCEPTED(), ours=self.messages.open)
         return self.replaced(arm) or failure
 
     def replaced(self, arm: Arm) -> StreamFailure | None:
@@ -167,7 +185,7 @@ class Upload:
         if not (names := self.messages.started()):
             return None
         arm.program_sent = False  # a controller runs one program: ours has ended
-        return StreamFailure("program_stopped", f"somebody else's program {names[-1]!r} was started in the place of ours", ours=False)
+        return StreamFailure("program_stopped", PROGRAM_REPLACED_OURS(program=names[-1]), ours=False)
 
     def failure(self, arm: Arm, found: StreamFailure | None) -> StreamFailure | None:
         """Another program before all else: what the state says then is said of that one."""
@@ -188,11 +206,11 @@ class Upload:
             if arm.receive.getRuntimeState() != RUNTIME_PLAYING:
                 return
             if not (arm.receive.isConnected() and control.connected):
-                text = "the controller closed the RTDE connection before it said that the program has ended"
+                text = CLOSED_BEFORE_END()
                 raise StreamFailure("connection_lost", text)
             control.report()
             time.sleep(END_PAUSE_S)
-        raise StreamFailure("program_stopped", "the control program still runs although it was asked to end")
+        raise StreamFailure("program_stopped", PROGRAM_RUNS_ON())
 
     def leave_nothing_behind(self, arm: Arm, failure: StreamFailure) -> None:
         """End our program where this process or the data was late before any target was sent: it may have no watchdog yet.
@@ -228,6 +246,25 @@ def _end_ours(arm: Arm) -> bool:
     return True
 
 
+PROGRAM_PAUSED = Sentence("program_paused", "the control program is {name:word}, before it moved the arm")
+CONTROLLER_SAYS = Sentence("controller_says", "; the controller says: {said}")
+PROGRAM_NOT_STARTED = Sentence("program_not_started", "the control program did not start within {limit_s:g} s{mistake}")
+FOREIGN_PROGRAM_BETWEEN = Sentence("foreign_program_between", "somebody else's program {program} was started while ours was on its way")
+ARM_MOVED_BEFORE_OURS = Sentence("arm_moved_before_ours", "a program moved the arm before ours did: somebody else's was started")
+PROGRAM_STATE_AFTER_UPLOAD = Sentence(
+    "program_state_after_upload", "the program is {name:word} after its upload: somebody else's was started"
+)
+PROGRAM_ENDED_AT_ONCE = Sentence("program_ended_at_once", "the control program began, and has ended{mistake}")
+PROGRAM_REPLACED = Sentence(
+    "program_replaced",
+    "the program {program} was started while ours was on its way, and ours took its place and has ended; ours has moved "
+    "nothing: look at the arm and start {program} again",
+)
+PROGRAM_REPLACED_FOR_GOOD = Sentence(
+    "program_replaced_for_good", "the program {program} was replaced by ours, which does not end: look at the arm and start {program} again"
+)
+
+
 class _Beginning:
     """The beginning of our program, from its upload on."""
 
@@ -250,26 +287,26 @@ class _Beginning:
                 self._begun_s = float(row[0])
             if self._ours_runs and self._names == [NAME] and state.runtime_state in {RUNTIME_PAUSING, RUNTIME_PAUSED}:
                 name = RUNTIME_STATES[state.runtime_state]
-                raise StreamFailure("program_stopped", f"the control program is {name}, before it moved the arm")
+                raise StreamFailure("program_stopped", PROGRAM_PAUSED(name=name))
             if (sign := self._sign_of_another(state)) is not None:
                 self._give_way(sign)
             if self._runs_alone(row[0]):
                 return
             if arm.seen_at - self._sent_s > START_S:
-                raise StreamFailure("no_control", f"the control program did not start within {START_S:g} s{self._mistake}")
+                raise StreamFailure("no_control", PROGRAM_NOT_STARTED(limit_s=START_S, mistake=self._mistake))
 
     def _sign_of_another(self, state: ArmState) -> StreamFailure | None:
         """Why another program than ours plays, or played until ours took its place; None where nothing says so."""
         if self._names not in ([], [NAME]):
-            return StreamFailure("no_control", f"somebody else's program {self._others} was started while ours was on its way", ours=False)
+            return StreamFailure("no_control", FOREIGN_PROGRAM_BETWEEN(program=self._others), ours=False)
         if state.runtime_state == RUNTIME_PLAYING:
             moves = np.max(np.abs(state.target_qd)) > STANDSTILL_RAD_S
-            text = "a program moved the arm before ours did: somebody else's was started"
+            text = ARM_MOVED_BEFORE_OURS()
             return StreamFailure("no_control", text, ours=False) if moves else None
         if self._begun_s is None and state.runtime_state == RUNTIME_STOPPED:
             return None
         name = RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return StreamFailure("no_control", f"the program is {name} after its upload: somebody else's was started", ours=False)
+        return StreamFailure("no_control", PROGRAM_STATE_AFTER_UPLOAD(name=name), ours=False)
 
     def _runs_alone(self, now_s: float) -> bool:
         """Whether our program has run long enough, and its name was told where the controller tells names."""
@@ -291,15 +328,12 @@ class _Beginning:
         since_s = arm.seen_at
         while self._upload.messages.open and arm.seen_at - since_s < REPLACED_S:
             if self._names == [NAME] and self._upload.messages.running is None:
-                raise StreamFailure("no_control", f"the control program began, and has ended{self._mistake}", ours=False)
+                raise StreamFailure("no_control", PROGRAM_ENDED_AT_ONCE(mistake=self._mistake), ours=False)
             if NAME in self._names and self._upload.messages.running not in (NAME, None):
                 arm.program_sent = False  # a controller runs one program: ours has ended
                 raise sign
             if self._ours_runs and self._names != [NAME] and self._ended():
-                text = (
-                    f"the program {self._others} was started while ours was on its way, and ours took its place and has ended; "
-                    f"ours has moved nothing: look at the arm and start {self._others} again"
-                )
+                text = PROGRAM_REPLACED(program=self._others)
                 raise StreamFailure("program_replaced", text)
             self._next()
         if self._ours_runs:
@@ -315,7 +349,7 @@ class _Beginning:
             if not self._ours_runs or arm.seen_at - began_s > END_S:
                 return False
         if not _end_ours(arm):
-            text = f"the program {self._others} was replaced by ours, which does not end: look at the arm and start {self._others} again"
+            text = PROGRAM_REPLACED_FOR_GOOD(program=self._others)
             raise StreamFailure("program_replaced", text, ours=False)
         return True
 
@@ -331,10 +365,10 @@ class _Beginning:
         return self._names[-1:] == [NAME] and self._upload.messages.running == NAME
 
     @property
-    def _mistake(self) -> str:
+    def _mistake(self) -> str | Reason:
         """What the controller says against our program, as the end of a sentence; empty where it says nothing."""
         said = self._upload.messages.mistake
-        return f"; the controller says: {said}" if said else ""
+        return CONTROLLER_SAYS(said=said) if said else ""
 
     @property
     def _others(self) -> str:
