@@ -179,7 +179,7 @@ def allow(
         if back is not None:
             store.stops.add(WAY_BACK, f"a person lets the arm be brought back: {back}", time.time())
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
-    stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, "told": stop.text, "serial": stop.serial} for stop in waiting]
+    stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, **stop.said.document(), "serial": stop.serial} for stop in waiting]
     others = [stop.serial for stop in waiting if stop.serial is not None]
     if as_json:
         expected = others[-1] if others else None
@@ -204,7 +204,7 @@ def _bus_reach(configuration: "Configuration") -> list[dict[str, Any]]:
     bus, prefix = configuration.bus, configuration.key_prefix
     found = [reach(endpoint, prefix, who="daemon", zenoh_file=bus.zenoh, answers=False) for endpoint in bus.connect]
     found.append(reach((bus.connect or bus.listen)[0], prefix, who="commands", zenoh_file=bus.client_zenoh))
-    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "told": each.text} for each in found]
+    return [{"who": each.who, "endpoint": each.endpoint, "cause": each.cause, "text": each.text} for each in found]
 
 
 def _gateway_reach(configuration: "Configuration") -> dict[str, Any] | None:

@@ -31,7 +31,7 @@ class AssessSettings:
     """The settings of every room that a recording passes."""
 
     method: str = "wls"
-    trust: QualitySettings = field(default_factory=QualitySettings)
+    quality: QualitySettings = field(default_factory=QualitySettings)
     identify: IdentifySettings = field(default_factory=IdentifySettings)
     drift: DriftSettings = field(default_factory=DriftSettings)
     temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
@@ -67,7 +67,7 @@ def assess(
     Raises BadInput where recording, robot and belief do not belong together.
     """
     settings = settings or AssessSettings()
-    refused = refusal(recording.context, recording.quality, recording.samples, belief, settings.trust)
+    refused = refusal(recording.context, recording.quality, recording.samples, belief, settings.quality)
     if refused:
         return refused
     try:

@@ -129,7 +129,7 @@ class ProductionEvidence(Document):
     joint: Joint
     change: Number = Field(description="fraction of friction beyond what is usual in this work")
     std: Number
-    looks: int = Field(description="spans of motion that it is the mean of")
+    observations: int = Field(description="spans of motion that it is the mean of")
     probability: Fraction = Field(description="that friction has risen at all")
 
 

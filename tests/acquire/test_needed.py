@@ -10,7 +10,7 @@ from monitor.errors import BadInput
 
 DAY = 86_400.0
 NOW = 1_780_272_000.0
-SETTINGS = ScheduleSettings(replay="when_needed", at_most_days=30.0, untold_days=7.0, learning_days=14.0)
+SETTINGS = ScheduleSettings(replay="when_needed", at_most_days=30.0, unobserved_days=7.0, learning_days=14.0)
 LEARNT = Told(NOW - 90 * DAY, NOW - 10 * DAY, (NOW,) * 6)
 
 
@@ -37,7 +37,7 @@ def test_a_replay_is_needed_from_the_first_reason_on(told, from_unix_s, why):
     assert why in found.why
 
 
-MONTH = ScheduleSettings(replay="when_needed", untold_days=30.0, at_most_days=30.0, learning_days=14.0)
+MONTH = ScheduleSettings(replay="when_needed", unobserved_days=30.0, at_most_days=30.0, learning_days=14.0)
 
 
 @pytest.mark.parametrize(("settings", "days_asked"), [(SETTINGS, [0, 2, 4, 6, 8]), (ScheduleSettings(), [0, 2, 4, 6, 8]), (MONTH, [0, 5])])
@@ -62,7 +62,7 @@ def test_a_suspicion_asks_every_five_days_where_joints_may_be_untold_for_a_month
     [
         (MONTH, (NOW, NOW, NOW, -math.inf, NOW, NOW), -math.inf, "enough of joint 4:"),
         (MONTH, (NOW, NOW, NOW, NOW - 29 * DAY, NOW, NOW), NOW + DAY, "enough of joint 4:"),
-        (ScheduleSettings(replay="when_needed", untold_days=1.0, at_most_days=1.0), (NOW,) * 6, NOW, "1 days after the last replay"),
+        (ScheduleSettings(replay="when_needed", unobserved_days=1.0, at_most_days=1.0), (NOW,) * 6, NOW, "1 days after the last replay"),
     ],
 )
 def test_a_suspicion_puts_off_no_replay_that_is_needed_without_it(settings, joints_unix_s, from_unix_s, why):
@@ -82,5 +82,5 @@ def test_a_window_of_evidence_is_needed_whatever_production_has_told():
 
 
 def test_a_joint_may_not_stay_untold_for_longer_than_the_arm_without_a_replay():
-    with pytest.raises(BadInput, match="untold_days"):
-        ScheduleSettings(replay="when_needed", at_most_days=5.0, untold_days=7.0)
+    with pytest.raises(BadInput, match="unobserved_days"):
+        ScheduleSettings(replay="when_needed", at_most_days=5.0, unobserved_days=7.0)

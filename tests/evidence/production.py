@@ -329,7 +329,7 @@ PLANS = {
     "a replay a week, and work": Plan(every_days=7, production=True),
     "a replay a month, and work": Plan(every_days=30, production=True),
     "`when_needed`": when_needed(),
-    "`when_needed`, `untold_days = 30`": when_needed(untold_days=30.0),
+    "`when_needed`, `unobserved_days = 30`": when_needed(unobserved_days=30.0),
     "a replay a week alone": Plan(every_days=7),
 }
 

@@ -165,8 +165,8 @@ listen = ["{ENDPOINT}"]
 [residual]
 span_s = 60.0
 min_samples = 40
-baseline_looks = 1
-min_looks = 2
+baseline_observations = 1
+min_observations = 2
 
 [metrics]
 listen = "{METRICS}"

@@ -56,7 +56,7 @@ def test_the_standard_deviation_keeps_the_bias_of_other_production():
 def test_a_new_model_begins_anew_and_unsuitable_samples_do_not_count():
     """Samples that are slow, strongly accelerated, extrapolated or without a measurement."""
     heard_before = in_production(0.5, spans=5)
-    assert in_production(0.0, spans=0, so_far=heard_before, revision=2).looks.max() == 0
+    assert in_production(0.0, spans=0, so_far=heard_before, revision=2).observations.max() == 0
     predicted = TorquePrediction(
         np.ones((1, J)), np.zeros((1, J)), np.ones((1, J)), np.ones((1, J)), np.zeros((1, J), dtype=bool), np.ones((1, J))
     )
@@ -144,11 +144,11 @@ def test_other_settings_begin_the_looks_anew_and_the_same_ones_do_not():
     def a_while():
         for k in range(400):
             production.worked(model, predicted, Sample(float(k), qd, 0 * qd, 1.2 * qd), 1.0)
-        return [each.looks for each in production.evidence()]
+        return [each.observations for each in production.evidence()]
 
-    assert a_while() == [400 // 60 - short.baseline_looks] * J
+    assert a_while() == [400 // 60 - short.baseline_observations] * J
     production.use(replace(short))
     assert production.evidence() != ()
     production.use(replace(short, rise=0.2))
     assert production.evidence() == ()
-    assert a_while() == [400 // 60 - short.baseline_looks] * J
+    assert a_while() == [400 // 60 - short.baseline_observations] * J

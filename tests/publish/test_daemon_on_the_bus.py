@@ -472,12 +472,12 @@ def test_the_production_residual_is_published_with_health(cell, monkeypatch: pyt
 
     daemon, _, _, endpoint = cell
     one = np.array([1.0, 0, 0, 0, 0, 0])
-    residuals = initial(6, 1)._replace(later_looks=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
+    residuals = initial(6, 1)._replace(later_observations=4.0 * one, change=np.where(one > 0, 0.12, np.nan))
     settings = daemon.state.configuration.assess.residual
     monkeypatch.setattr(daemon.state.production_motion, "evidence", lambda: production_evidence(residuals, settings))
     daemon.publisher.health()
     with Client(endpoint, "lab", "cell-1") as client:
         (each,) = client.health().production
-    assert (each.joint, each.change, each.looks) == (1, 0.12, 4)
+    assert (each.joint, each.change, each.observations) == (1, 0.12, 4)
     assert each.std > 0
     assert 0.5 < each.probability < 1.0

@@ -66,7 +66,7 @@ class Cell:
             approach_speed_rad_s = 0.8
             [schedule]
             cron = "0 0 29 2 *"
-            [trust]  # a busy machine: here the flow is tested, not the figures
+            [quality]  # a busy machine: here the flow is tested, not the figures
             max_missed_share = 1.0
             max_late_share = 1.0
             max_slipped_s = 10.0

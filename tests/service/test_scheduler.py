@@ -416,9 +416,11 @@ def test_a_disk_that_becomes_read_only_is_reported_and_survived(small_disk: Path
 
 
 def test_a_window_in_which_no_replay_is_needed_is_left_out_and_says_why(tmp_path):
-    """Work has told of every joint until today: the windows of a week pass, the one after `untold_days` replays, and none is a refusal."""
+    """Work has told of every joint until today: a week passes, the window after `unobserved_days` replays, and none is a refusal."""
     with Store.open(tmp_path / "history") as store:
-        arm = Arm(tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0, replay="when_needed", at_most_days=30.0, untold_days=7.0)
+        arm = Arm(
+            tmp_path / "history", store, cron="0 3 * * *", grace_s=600.0, replay="when_needed", at_most_days=30.0, unobserved_days=7.0
+        )
         arm.told = Told(START - 60 * DAY, START - DAY, (START,) * 6)
         assert arm.scheduler.coming(1)[0].opens_unix_s == START + 7 * DAY + 3 * 3600
         arm.passes(7.5 * DAY)

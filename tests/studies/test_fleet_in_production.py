@@ -37,7 +37,7 @@ def test_a_replay_a_week_beside_production_finds_a_step_long_before_a_replay_a_w
     [
         pytest.param("a replay a week, and work", 12.0, 102.0, id="weekly"),
         pytest.param("a replay a month, and work", 16.0, 62.0, id="monthly"),
-        pytest.param("`when_needed`, `untold_days = 30`", 16.0, 45.0, id="when_needed"),
+        pytest.param("`when_needed`, `unobserved_days = 30`", 16.0, 45.0, id="when_needed"),
     ],
 )
 def test_few_replays_beside_production_warn_as_early_as_daily_ones_and_no_more_often(plan, step_days, replays_a_year):

@@ -9,7 +9,7 @@ from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE
 from tests.evidence.production import DAILY_UNTIL, PLANS, Needs, Plan, ProductionSettings, played, row
 
-SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, untold_days=7.0, at_most_days=30.0)
+SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, unobserved_days=7.0, at_most_days=30.0)
 ALL, NONE, FIRST = np.ones((1, 2), dtype=bool), np.zeros((1, 2), dtype=bool), np.array([[True, False]])
 QUIET = np.full((1, 2), -1.0)
 
@@ -23,7 +23,7 @@ def learnt():
     return needs
 
 
-def test_a_joint_that_production_never_moves_is_replayed_after_untold_days_and_one_that_it_does_after_at_most_days(learnt):
+def test_a_joint_that_production_never_moves_is_replayed_after_unobserved_days_and_one_that_it_does_after_at_most_days(learnt):
     moved = Needs(1, 2)
     moved.replayed(20, ALL, QUIET, NONE)
     for day in range(21, 50):

@@ -14,7 +14,7 @@ from monitor.recording import DAY_S
 ALWAYS, WHEN_NEEDED = "always", "when_needed"
 # Half of a day's noise is still there on the next: a replay on every second day tells nine tenths of what a daily one does.
 SUSPECTED_DAYS = 2.0  # [d] between the replays that a suspicion asks for, at least
-SUSPECTED_SHARE = 1.0 / 6.0  # of `untold_days`, likewise: whoever lets a joint be untold for a month wants few replays
+SUSPECTED_SHARE = 1.0 / 6.0  # of `unobserved_days`, likewise: whoever lets a joint be untold for a month wants few replays
 
 
 class Told(NamedTuple):
@@ -64,16 +64,16 @@ def _at_latest(settings: ScheduleSettings, replayed_unix_s: float, joints_unix_s
     """From when a replay is needed, whatever work has found; arguments as in `Told`."""
     last = replayed_unix_s + DAY_S * settings.at_most_days
     oldest = min(joints_unix_s)
-    untold = oldest + DAY_S * settings.untold_days
+    untold = oldest + DAY_S * settings.unobserved_days
     if untold < last:
-        joints = [j + 1 for j, at in enumerate(joints_unix_s) if at + DAY_S * settings.untold_days <= max(untold, oldest) + DAY_S]
-        return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.untold_days:g} days a replay is needed")
+        joints = [j + 1 for j, at in enumerate(joints_unix_s) if at + DAY_S * settings.unobserved_days <= max(untold, oldest) + DAY_S]
+        return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.unobserved_days:g} days a replay is needed")
     return Need(last, f"{settings.at_most_days:g} days after the last replay")
 
 
 def suspected_days(settings: ScheduleSettings) -> float:
     """Days between the replays that a suspicion asks for."""
-    return SUSPECTED_DAYS if settings.replay == ALWAYS else max(SUSPECTED_DAYS, SUSPECTED_SHARE * settings.untold_days)
+    return SUSPECTED_DAYS if settings.replay == ALWAYS else max(SUSPECTED_DAYS, SUSPECTED_SHARE * settings.unobserved_days)
 
 
 def suspicion_asks(settings: ScheduleSettings, replayed_unix_s: float | None, judged_unix_s: float) -> bool:

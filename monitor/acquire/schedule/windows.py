@@ -26,7 +26,7 @@ class ScheduleSettings:
     every_h: Annotated[float, Interval(ge=0.0, le=8784.0)] = 0.0  # [h] between further windows, counted in UTC; 0: no such windows
     replay: Literal["always", "when_needed"] = "always"  # in every window; or only where the arm's ordinary work does not tell enough
     at_most_days: Annotated[float, Interval(ge=1.0, le=365.0)] = 30.0  # [d] without a replay, where replay is when_needed
-    untold_days: Annotated[float, Interval(ge=1.0, le=90.0)] = 7.0  # [d] in which neither work nor a replay has told of a joint, likewise
+    unobserved_days: Annotated[float, Interval(ge=1.0, le=90.0)] = 7.0  # [d] without an observation of a joint, likewise
     grace_s: Annotated[float, Interval(ge=10.0, le=86400.0)] = 600.0  # [s] a window stays open; one without a replay is logged as skipped
     tries: Annotated[int, Interval(ge=1, le=10)] = 3  # replays begun in one window where this machine or the network ended the one before
     try_again_after_s: Annotated[float, Interval(ge=1.0, le=3600.0)] = 60.0  # [s] before the next of them
@@ -52,8 +52,8 @@ class ScheduleSettings:
             raise BadInput(
                 f"schedule.jitter_s = {self.jitter_s:g}: expected less than grace_s = {self.grace_s:g}, or windows close unopened"
             )
-        if self.untold_days > self.at_most_days:
-            raise BadInput(f"schedule.untold_days = {self.untold_days:g}: expected at most at_most_days = {self.at_most_days:g}")
+        if self.unobserved_days > self.at_most_days:
+            raise BadInput(f"schedule.unobserved_days = {self.unobserved_days:g}: expected at most at_most_days = {self.at_most_days:g}")
         wrong = [text for text in self.blackout if not is_blackout(text)]
         if wrong:
             raise BadInput(f"schedule.blackout = {_listed(wrong)}: expected a day or two, e.g. 2026-12-25 or 2026-12-24..2027-01-02")

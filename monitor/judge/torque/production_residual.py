@@ -1,10 +1,10 @@
 """Production residuals: what normal work between replays says of friction. This evidence may ask for a replay; it raises no alert.
 
 If the friction of a moving joint changes by ΔF, measured minus predicted torque changes by ΔF in the direction that opposes the motion.
-Over a span of motion, the ratio of this residual to the predicted friction is one look at the change of friction since the model's last
-replay. Work excites friction poorly: unknown loads, contact and slow motion make a look uncertain, with a bias that is similar from day
-to day. The first looks after a replay are therefore the baseline of this work, every look has a large standard deviation, and only a
-clear rise above the baseline in several looks in a row asks for a replay.
+Over a span of motion, the ratio of this residual to the predicted friction is one observation of the change of friction since the model's
+last replay. Production excites friction poorly: unknown loads, contact and slow motion make an observation uncertain, with a bias that is
+similar from day to day. The first observations after a replay are therefore the baseline of this work, every observation has a large
+standard deviation, and only a clear rise above the baseline in several observations in a row asks for a replay.
 """
 
 import math
@@ -19,7 +19,7 @@ from monitor.reason import joint_text
 from monitor.recording import Array
 
 MAX_STEP_S = 1.0  # a longer pause between samples counts as so long
-SHARED_SHARE = 0.5  # of a look's variance that further looks do not reduce: the bias of similar work stays
+SHARED_SHARE = 0.5  # of an observation's variance that further observations do not reduce: the bias of similar work stays
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,13 +28,13 @@ class ResidualSettings:
 
     min_speed_rad_s: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.1  # below it pre-sliding hides the direction of friction
     max_acceleration_rad_s2: Annotated[float, Interval(ge=0.1, le=100.0)] = 3.0  # above it the inertia of unknown loads hides friction
-    span_s: Annotated[float, Interval(ge=60.0, le=86400.0)] = 3600.0  # of motion of one joint that make one look
-    min_samples: Annotated[int, Interval(ge=10, le=1_000_000)] = 200  # a span with fewer samples makes no look
-    doubt: Annotated[float, Interval(ge=0.01, le=1.0)] = 0.08  # standard deviation of one look, as a fraction of friction
-    baseline_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # looks after a replay that make the baseline
+    span_s: Annotated[float, Interval(ge=60.0, le=86400.0)] = 3600.0  # of motion of one joint that make one observation
+    min_samples: Annotated[int, Interval(ge=10, le=1_000_000)] = 200  # a span with fewer samples makes no observation
+    deviation: Annotated[float, Interval(ge=0.01, le=1.0)] = 0.08  # standard deviation of one observation, as a fraction of friction
+    baseline_observations: Annotated[int, Interval(ge=1, le=100)] = 3  # observations after a replay that make the baseline
     rise: Annotated[float, Interval(ge=0.01, le=10.0)] = 0.10  # above the baseline that asks for a replay, as a fraction of friction …
     sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.99  # … where friction has risen with this probability …
-    min_looks: Annotated[int, Interval(ge=1, le=100)] = 3  # … and so many looks in a row are above that rise
+    min_observations: Annotated[int, Interval(ge=1, le=100)] = 3  # … and so many observations in a row are above that rise
 
 
 class ProductionSample(NamedTuple):
@@ -47,18 +47,18 @@ class ProductionSample(NamedTuple):
 
 
 class ProductionResiduals(NamedTuple):
-    """Sums of the present span and means of the looks since the last replay, (J,) each."""
+    """Sums of the present span and means of the observations since the last replay, (J,) each."""
 
     revision: int  # of the model that the residuals are of
     samples: Array  # of the present span
     moving_s: Array  # length of the present span
     friction2_s: Array  # Σ predicted friction²·dt over the present span [N²·m²·s]
     excess2_s: Array  # Σ residual·predicted friction·dt over the present span [N²·m²·s]
-    looks: Array  # number of looks
-    baseline: Array  # mean of the first looks, as a fraction of friction
-    change: Array  # mean of the later looks less the baseline, as a fraction of friction; NaN before the first of them
-    later_looks: Array  # number of looks after those of the baseline
-    agreeing: Array  # number of consecutive looks above the rise, up to the last one
+    observations: Array  # number of observations
+    baseline: Array  # mean of the first observations, as a fraction of friction
+    change: Array  # mean of the later observations less the baseline, as a fraction of friction; NaN before the first of them
+    later_observations: Array  # number of observations after those of the baseline
+    agreeing: Array  # number of consecutive observations above the rise, up to the last one
 
 
 class ProductionEvidence(NamedTuple):
@@ -67,7 +67,7 @@ class ProductionEvidence(NamedTuple):
     joint: int  # from 1
     change: float  # as a fraction of friction
     std: float
-    looks: int  # that `change` is the mean of
+    observations: int  # that `change` is the mean of
     probability: float  # that friction has risen at all
 
 
@@ -101,20 +101,20 @@ def update(
         excess2_s=before.excess2_s + residual * friction * dt,
     )
     done = now.moving_s >= settings.span_s
-    return _with_looks(now, done, settings) if done.any() else now
+    return _with_observations(now, done, settings) if done.any() else now
 
 
 def production_evidence(residuals: ProductionResiduals | None, settings: ResidualSettings) -> tuple[ProductionEvidence, ...]:
-    """The evidence of every joint that has a look after its baseline."""
+    """The evidence of every joint that has an observation after its baseline."""
     if residuals is None:
         return ()
     found = []
-    for j in np.flatnonzero(residuals.later_looks > 0):
-        variance = SHARED_SHARE + (1.0 - SHARED_SHARE) / residuals.later_looks[j] + 1.0 / settings.baseline_looks
-        std = settings.doubt * math.sqrt(variance)
+    for j in np.flatnonzero(residuals.later_observations > 0):
+        variance = SHARED_SHARE + (1.0 - SHARED_SHARE) / residuals.later_observations[j] + 1.0 / settings.baseline_observations
+        std = settings.deviation * math.sqrt(variance)
         change = float(residuals.change[j])
         risen = 0.5 * math.erfc(-change / std / math.sqrt(2.0))
-        found.append(ProductionEvidence(int(j) + 1, change, std, int(residuals.later_looks[j]), risen))
+        found.append(ProductionEvidence(int(j) + 1, change, std, int(residuals.later_observations[j]), risen))
     return tuple(found)
 
 
@@ -127,7 +127,7 @@ def earlier_replay_reason(residuals: ProductionResiduals | None, settings: Resid
         return None
     for each in production_evidence(residuals, settings):
         j = each.joint - 1
-        if each.change >= settings.rise and each.probability >= settings.sure and residuals.agreeing[j] >= settings.min_looks:
+        if each.change >= settings.rise and each.probability >= settings.sure and residuals.agreeing[j] >= settings.min_observations:
             return (
                 f"{joint_text(each.joint)}: at work, friction is {each.change:+z.0%} ± {each.std:.0%} from what is usual, "
                 f"in {residuals.agreeing[j]:.0f} spans of motion in a row: a replay shall tell"
@@ -135,24 +135,24 @@ def earlier_replay_reason(residuals: ProductionResiduals | None, settings: Resid
     return None
 
 
-def _with_looks(now: ProductionResiduals, done: np.ndarray, settings: ResidualSettings) -> ProductionResiduals:
-    """The residuals with one more look of each joint in `done` (J,), whose next span begins."""
+def _with_observations(now: ProductionResiduals, done: np.ndarray, settings: ResidualSettings) -> ProductionResiduals:
+    """The residuals with one more observation of each joint in `done` (J,), whose next span begins."""
     counts = done & (now.samples >= settings.min_samples) & (now.friction2_s > 0)
-    look = np.divide(now.excess2_s, now.friction2_s, out=np.zeros_like(now.friction2_s), where=counts)
-    looks = now.looks + counts
-    of_baseline = counts & (looks <= settings.baseline_looks)
-    baseline = np.where(of_baseline, now.baseline + (look - now.baseline) / np.maximum(looks, 1.0), now.baseline)
+    observation = np.divide(now.excess2_s, now.friction2_s, out=np.zeros_like(now.friction2_s), where=counts)
+    observations = now.observations + counts
+    of_baseline = counts & (observations <= settings.baseline_observations)
+    baseline = np.where(of_baseline, now.baseline + (observation - now.baseline) / np.maximum(observations, 1.0), now.baseline)
     later = counts & ~of_baseline
-    later_looks = now.later_looks + later
-    rise, mean = look - baseline, np.nan_to_num(now.change)
+    later_observations = now.later_observations + later
+    rise, mean = observation - baseline, np.nan_to_num(now.change)
     return now._replace(
         samples=np.where(done, 0.0, now.samples),
         moving_s=np.where(done, 0.0, now.moving_s),
         friction2_s=np.where(done, 0.0, now.friction2_s),
         excess2_s=np.where(done, 0.0, now.excess2_s),
-        looks=looks,
+        observations=observations,
         baseline=baseline,
-        change=np.where(later, mean + (rise - mean) / np.maximum(later_looks, 1.0), now.change),
-        later_looks=later_looks,
+        change=np.where(later, mean + (rise - mean) / np.maximum(later_observations, 1.0), now.change),
+        later_observations=later_observations,
         agreeing=np.where(later, np.where(rise >= settings.rise, now.agreeing + 1.0, 0.0), now.agreeing),
     )

@@ -199,7 +199,7 @@ class DemoReplay:
                     raise
                 reason = error.cause
             else:
-                reason = quality_problem(recording.quality, recording.samples, self._configuration.assess.trust)
+                reason = quality_problem(recording.quality, recording.samples, self._configuration.assess.quality)
                 if reason is None:
                     return recording
             self._state.disturbed.append(f"day {self._state.day + 1}, try {attempt}: {reason}")

@@ -327,7 +327,7 @@ class _Judge:
             self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
             self.left_out["changed"] += 1
             return Unjudged("changed", row.reason)
-        outcome: Assessment | Rejected | None = refusal(row.context, row.quality, row.samples, state.belief, settings.trust)
+        outcome: Assessment | Rejected | None = refusal(row.context, row.quality, row.samples, state.belief, settings.quality)
         try:
             if outcome is None and row.state == UNIDENTIFIABLE:
                 outcome = Rejected(row.reason)
