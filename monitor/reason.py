@@ -5,6 +5,9 @@
 
 A sentence stands beside the code that finds it, and each code has one. Documents carry `code`, `parameters` and the English `text`; views
 look the code up in a catalogue and fill the same parameters into the sentence of another language. No code reads a sentence.
+
+An object of a document that is one reason is `Reason.document()`. An object with sentences under keys of its own keeps the English there,
+and has their codes and parameters under `reasons`: {"action": "Inspect it.", "reasons": {"action": {"code": "inspect", "parameters": {}}}}.
 """
 
 import math
@@ -40,6 +43,10 @@ class Words:
         """A joint (from 1)."""
         return joint_text(joint)
 
+    def name(self, joint: int) -> str:
+        """A joint (from 1) without its number."""
+        return joint_name(joint)
+
     def number(self, text: str) -> str:
         """A number, formatted as in English."""
         return text
@@ -69,23 +76,27 @@ ENGLISH = Words()
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """A code with its parameters; `told` is the English text where another process or an earlier version made it."""
+    """A code with its parameters; `english` is the text where another process made it, which may know sentences that this one does not."""
 
     code: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    told: str | None = None
+    english: str | None = field(default=None, compare=False)
 
     @property
     def text(self) -> str:
         """The English sentence."""
-        return self.told if self.told is not None else ENGLISH.say(self) if self.code in SENTENCES else self.code.replace("_", " ")
+        return self.english if self.english is not None else ENGLISH.say(self) if self.code in SENTENCES else self.code.replace("_", " ")
 
     def __str__(self) -> str:
         return self.text
 
     def document(self) -> dict[str, Any]:
         """As JSON: code, parameters, and the English text for whoever knows no codes."""
-        return {"code": self.code, "parameters": {name: _plain(value) for name, value in self.parameters.items()}, "text": self.text}
+        return {**self.coded(), "text": self.text}
+
+    def coded(self) -> dict[str, Any]:
+        """As JSON without the text, which stands beside it."""
+        return {"code": self.code, "parameters": {name: _plain(value) for name, value in self.parameters.items()}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +119,42 @@ class Sentence:
 
 
 ANYTHING = Sentence(FREE, "{text}")
+SEVERAL = Sentence("several", "{reasons:each}")
 
 
 def reason_of(said: "str | Reason") -> Reason:
     """A reason as it is; a text as a reason without a code of its own."""
     return said if isinstance(said, Reason) else ANYTHING(text=said)
+
+
+def together(*reasons: Reason | None) -> Reason:
+    """Several sentences, one after the other; None is left out."""
+    parts = [part for reason in reasons if reason is not None for part in parts_of(reason)]
+    return parts[0] if len(parts) == 1 else SEVERAL(reasons=parts)
+
+
+def parts_of(reason: Reason) -> tuple[Reason, ...]:
+    """The sentences of `together`; the reason itself where it is a single one."""
+    if reason.code != SEVERAL.code:
+        return (reason,)
+    parts = reason.parameters["reasons"]
+    return tuple(part for part in parts if isinstance(part, Reason)) if isinstance(parts, tuple) else ()
+
+
+def with_reasons(document: Mapping[str, Any], **reasons: Reason | None) -> dict[str, Any]:
+    """The document with the English text of each reason under its key, and with its code and parameters under `reasons`."""
+    texts = {key: None if reason is None else reason.text for key, reason in reasons.items()}
+    coded = {key: reason.coded() for key, reason in reasons.items() if reason is not None}
+    return {**document, **texts, "reasons": {**document.get("reasons", {}), **coded}}
+
+
+def reason_at(document: Mapping[str, Any], key: str) -> Reason | None:
+    """The reason under a key of a document of `with_reasons`; None where the text is null or not there."""
+    text = document.get(key)
+    coded = (document.get("reasons") or {}).get(key)
+    if text is None or coded is None:
+        return None if text is None else reason_of(text)
+    return reason_from({**coded, "text": text})
 
 
 def reason_from(document: Mapping[str, Any]) -> Reason:
@@ -124,8 +166,9 @@ def reason_from(document: Mapping[str, Any]) -> Reason:
 class _Filler(string.Formatter):
     """Fills the places of a sentence in a language.
 
-    joint, joints : the name of a joint (from 1), of several. day, time : of seconds since 1970. word : a word of a few that is translated.
-    each : several reasons or texts, one after the other with a space; without it, with commas. Else the format of Python.
+    joint, joints : a joint (from 1) with its number; name : its name alone. day, time : of seconds since 1970. word : a word of a few that
+    is translated. each : several reasons or texts, one after the other with a space; several of anything else have commas between. Else
+    the format of Python.
     """
 
     def __init__(self, words: Words) -> None:
@@ -133,11 +176,13 @@ class _Filler(string.Formatter):
 
     def format_field(self, value: Any, format_spec: str) -> str:
         words = self._words
+        if isinstance(value, tuple | list) and format_spec != "each":
+            return ", ".join(self.format_field(each, format_spec) for each in value)
         match format_spec:
-            case "joint":
+            case "joint" | "joints":
                 return words.joint(int(value))
-            case "joints":
-                return ", ".join(words.joint(int(each)) for each in value)
+            case "name":
+                return words.name(int(value))
             case "day":
                 return words.day(value)
             case "time":
@@ -148,8 +193,6 @@ class _Filler(string.Formatter):
                 return " ".join(self.format_field(each, "") for each in value)
         if isinstance(value, Reason):
             return words.say(value)
-        if isinstance(value, tuple | list):
-            return ", ".join(self.format_field(each, format_spec) for each in value)
         if isinstance(value, int | float) and not isinstance(value, bool):
             return words.number(format(value, format_spec))
         return format(str(value), format_spec)

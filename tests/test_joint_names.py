@@ -1,6 +1,6 @@
 """The names of joints are those of PolyScope."""
 
-from monitor.judge.alerts.states import stale_text
+from monitor.judge.alerts.states import FOR_DAYS, stale_reason
 from monitor.reason import JOINT_NAMES, joint_name, joint_text
 
 
@@ -14,4 +14,4 @@ def test_the_names_are_those_that_polyscope_shows():
 
 def test_stale_joints_are_told_by_name():
     """A person reads which joint it is without counting."""
-    assert stale_text([3, 4], 6, "for 8 days", "now").startswith("STALE: Elbow, Wrist 1: nothing was learnt for 8 days")
+    assert stale_reason([3, 4], 6, FOR_DAYS(days=8, limit=7)).text.startswith("STALE: Elbow, Wrist 1: nothing was learnt for 8 days")

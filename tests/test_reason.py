@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.reason import Reason, Sentence, Words, reason_from, reason_of
+from monitor.reason import Reason, Sentence, Words, parts_of, reason_at, reason_from, reason_of, together, with_reasons
 
 HOT = Sentence("test_hot", "{joint:joint} is at {temperature_c:.1f} °C since {since_unix_s:day}")
 BOTH = Sentence("test_both", "{first}; {others:each}")
@@ -60,3 +60,17 @@ def test_what_is_missing_and_what_is_no_parameter_is_refused_where_the_reason_is
 def test_braces_in_parameters_are_words_and_no_places(first, others):
     """What a person wrote is never read as a format."""
     assert BOTH(first=first, others=others).text == f"{first}; {' '.join(others)}"
+
+
+def test_sentences_stand_under_their_keys_with_codes_beside_and_come_back():
+    """English where it always was, code and parameters under `reasons`; what is null stays null."""
+    hot = HOT(joint=3, temperature_c=61.2, since_unix_s=0)
+    document = json.loads(json.dumps(with_reasons({"tier": "wear"}, why=together(hot, None, reason_of("x")), action=None)))
+    assert (document["tier"], document["action"], document["why"]) == ("wear", None, f"{hot.text} x")
+    assert reason_at(document, "action") is reason_at(document, "nothing") is None
+    back = reason_at(document, "why")
+    assert back == together(hot, reason_of("x"))
+    assert parts_of(back)[0] == hot
+    assert reason_at({"why": "plain words"}, "why") == reason_of("plain words")
+    assert together(None, hot) == hot
+    assert parts_of(hot) == (hot,)

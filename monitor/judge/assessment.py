@@ -133,7 +133,7 @@ class Assessment:
             "file": self.source,
             "replays": self.belief.replays,
             "health": {"arm": self.health.state, "joints": [joint.state for joint in self.health.joints]},
-            "why": {"arm": self.health.why, "joints": [joint.why for joint in self.health.joints]},
+            "why": {"arm": self.health.why.document(), "joints": [joint.why.document() for joint in self.health.joints]},
             "alerts": [alert_document(alert) for alert in self.health.active_alerts],
             "friction": plain(self.friction),
             "temperature": plain(self.temperature),

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.reason import Reason, reason_from
+from monitor.reason import Reason, reason_at, reason_from, with_reasons
 from monitor.recording import Array
 
 T = TypeVar("T")
@@ -33,14 +33,21 @@ def plain(value: Any) -> Any:
     if isinstance(value, Reason):
         return value.document()
     if is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+        return _object({f.name: getattr(value, f.name) for f in fields(value)})
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {key: plain(part) for key, part in value._asdict().items()}
+        return _object(value._asdict())
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
     if isinstance(value, Mapping):
         return {str(key): plain(part) for key, part in value.items()}
     return value
+
+
+def _object(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """An object; of a reason the English text stands under the key, as `with_reasons` has it."""
+    reasons = {key: part for key, part in parts.items() if isinstance(part, Reason)}
+    document = {key: part.text if isinstance(part, Reason) else plain(part) for key, part in parts.items()}
+    return with_reasons(document, **reasons) if reasons else document
 
 
 def typed(cls: type[T], document: Any, *, where: str, sizes: Sizes | None = None, complete: bool = True) -> T:
@@ -55,7 +62,9 @@ def typed(cls: type[T], document: Any, *, where: str, sizes: Sizes | None = None
         raise BadInput(f"{where}: expected a JSON object, not {type(document).__name__}")
     values = {}
     for name, (hint, required) in _fields_of(cls).items():  # type: ignore[arg-type]  # a class is hashable
-        if name in document:
+        if name in document and hint in (Reason, Reason | None):
+            values[name] = reason_at(document, name)
+        elif name in document:
             values[name] = _value(hint, document[name], f"{where}: {name}", sizes, complete)
         elif required or complete:
             raise BadInput(f"{where}: the key {name!r} is missing")

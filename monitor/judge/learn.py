@@ -274,7 +274,7 @@ def _warnings(belief: Belief, result: StepResult, change: ContextChange, undecla
     if change.differences:
         warnings.append(DataWarning("context_changed", _change_text(change)))
     if undeclared.condition is not None:
-        warnings.append(DataWarning(undeclared.condition, undeclared.text))
+        warnings.append(DataWarning(undeclared.condition, undeclared.reason.text))
     warnings += _temperature_warnings(result.observation)
     if not undeclared.withheld:
         warnings += _filter_warnings(belief)

@@ -20,6 +20,9 @@ Who = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S", descript
 Why = Annotated[str, Field(max_length=2000)]
 
 
+Reasons = dict[str, dict[str, Any]]  # of each sentence under a key beside it: its code and its parameters
+
+
 class Document(BaseModel):
     """What is published: unknown fields come from a newer monitor, and are kept."""
 
@@ -57,6 +60,7 @@ class JointState(Document):
     since: datetime
     stale: bool = Field(default=False, description="nothing was learnt of it for health.stale_days: the state is of then, not of now")
     learnt_at: datetime | None = Field(default=None, description="of the last replay that taught something of it")
+    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Attribution(Document):
@@ -78,6 +82,8 @@ class Gravest(Document):
     probability: Number
     text: str
     attribution: Attribution | None = None
+    lowest_at: datetime | None = None
+    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Acknowledgement(Document):
@@ -116,6 +122,10 @@ class Alert(Document):
     gravest: Gravest | None = Field(default=None, description="the evidence of its gravest moment, which stays when the alert is cleared")
     acknowledgements: list[Acknowledgement] = Field(default_factory=list, description="everyone's; acknowledged_by is the first in force")
     cleared_why: str | None = None
+    lowest_at: datetime | None = Field(default=None, description="when friction was lowest, from which a rise counts; null: the beginning")
+    from_production: bool = Field(default=False, description="the arm's ordinary work shows it, and no replay has confirmed it yet")
+    over_since: datetime | None = Field(default=None, description="since when it is over, while nobody has acknowledged it")
+    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
     serviced_at: datetime | None = Field(default=None, description="of the last work on the joint while the alert was active")
     serviced_kind: str | None = Field(default=None, description="replaced, overhauled, greased, maintenance or joint_serials")
     serviced_by: str | None = None
@@ -166,6 +176,7 @@ class Health(Document):
     nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
     production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
     ripple: list[JointRipple] = Field(default_factory=list, description="gear ripple of each joint: evidence, and no alert")
+    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class RemainingLife(Document):
@@ -183,7 +194,8 @@ class RemainingLife(Document):
     accelerating_p50_days: Maybe = Field(default=None, description="the median, should it")
     rate_per_day: Maybe = Field(default=None, description="wear rate now, a fraction per usual day, averaged over the paths")
     rate_std_per_day: Maybe = None
-    assumption: str = Field(default="", description="what the days assume, in words")
+    assumption: str | None = Field(default=None, description="what the days assume, in words")
+    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Friction(Document):

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from monitor.judge.alerts.health import Health, HealthSettings, alert_document, health_from_document
-from monitor.judge.alerts.states import stale_joints, stale_text
+from monitor.judge.alerts.states import FOR_DAYS, NOT_YET, stale_joints, stale_reason
+from monitor.reason import Reason, with_reasons
 from monitor.recording import DAY_S
 
 
@@ -16,27 +17,29 @@ def published_health(health: Health | None, now_unix_s: float, settings: HealthS
     if health is None or not health.joints:
         alerts = () if health is None else health.alerts
         why = next((alert.text for alert in alerts if alert.active), None)
-        return {"state": None, "joints": [], "alerts": [alert_document(alert) for alert in alerts], **({} if why is None else {"why": why})}
+        early: dict[str, Any] = {"state": None, "joints": [], "alerts": [alert_document(alert) for alert in alerts]}
+        return early if why is None else with_reasons(early, why=why)
     silent = stale_joints(health, now_unix_s, settings)
-    return {
+    document = {
         "state": health.state,
-        "why": health.why,
         "since_unix_s": health.since_unix_s,
         "stale": any(silent),
-        "stale_why": _stale_why(health, silent, now_unix_s, settings),
         "joints": [
-            {
-                "joint": joint.joint,
-                "state": joint.state,
-                "why": joint.why,
-                "since_unix_s": joint.since_unix_s,
-                "stale": old,
-                "learnt_at_unix_s": joint.learnt_at_unix_s,
-            }
+            with_reasons(
+                {
+                    "joint": joint.joint,
+                    "state": joint.state,
+                    "since_unix_s": joint.since_unix_s,
+                    "stale": old,
+                    "learnt_at_unix_s": joint.learnt_at_unix_s,
+                },
+                why=joint.why,
+            )
             for joint, old in zip(health.joints, silent, strict=True)
         ],
         "alerts": [alert_document(alert) for alert in health.alerts],
     }
+    return with_reasons(document, why=health.why, stale_why=_stale_why(health, silent, now_unix_s, settings))
 
 
 def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
@@ -46,15 +49,15 @@ def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthS
     joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
     alerts = [alert_document(alert) for alert in health.alerts]  # a stored one does not say whether it is active
     why = _stale_why(health, silent, now_unix_s, settings)
-    return {**document, "stale": any(silent), "stale_why": why, "joints": joints, "alerts": alerts}
+    return with_reasons({**document, "stale": any(silent), "joints": joints, "alerts": alerts}, stale_why=why)
 
 
-def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> str | None:
+def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> Reason | None:
     """For how long there was no figure, and of which joints; None where there was one of every joint."""
     if not any(silent):
         return None
     old = [joint for joint, is_old in zip(health.joints, silent, strict=True) if is_old]
     known = [joint.learnt_at_unix_s for joint in old if joint.learnt_at_unix_s is not None]
-    since = f"for {(now_unix_s - min(known)) / DAY_S:.0f} days" if known else "yet"
-    since = f"{since} (health.stale_days = {settings.stale_days:g})"
-    return stale_text([joint.joint for joint in old], len(health.joints), since, "now")
+    limit = settings.stale_days
+    since = FOR_DAYS(days=(now_unix_s - min(known)) / DAY_S, limit=limit) if known else NOT_YET(limit=limit)
+    return stale_reason([joint.joint for joint in old], len(health.joints), since)

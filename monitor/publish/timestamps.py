@@ -25,13 +25,16 @@ def unix_s(text: str) -> float:
 
 
 def outside(document: object) -> object:
-    """The published form of a JSON document: every number `*_unix_s` becomes the text `*` in RFC 3339."""
+    """The published form of a JSON document: every number `*_unix_s` becomes the text `*` in RFC 3339.
+
+    Parameters of a reason stay as they are: its sentence needs them by their names.
+    """
     if isinstance(document, dict):
         published: dict[str, object] = {}
         for key, value in document.items():
             if key[-7:] == "_unix_s" and (value is None or isinstance(value, int | float)):
                 published[key[:-7]] = None if value is None else rfc3339(value)
-            elif isinstance(value, dict | list | tuple):
+            elif isinstance(value, dict | list | tuple) and key != "parameters":
                 published[key] = outside(value)
             else:
                 published[key] = value  # without a call for each of the 100 000 figures of five years

@@ -7,12 +7,13 @@ from typing import Any
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import ServiceSituation
-from monitor.judge.alerts.conditions import CONDITIONS, NOTHING_LEARNT, STALE, STORE_RESTORED
+from monitor.judge.alerts.conditions import CONDITIONS, STORE_RESTORED
 from monitor.judge.alerts.health import Alert, Health, alert_document
-from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, OVER, service_alert, service_transition
+from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, service_alert, service_transition
 from monitor.judge.alerts.states import with_service_alert
 from monitor.publish.documents import AckRequest, InspectedRequest, ServicedRequest, UndoInspectedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside
+from monitor.reason import reason_of
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.inspection import declare
 from monitor.service.history.maintenance import Declared, declare_maintenance, undo_maintenance
@@ -37,7 +38,9 @@ class AlertChanges:
             health = change(self._state.alerts, at)
             alert = next(alert for alert in health.alerts if alert.key == (request.joint, request.condition) and alert.active)
             self.keep(health, kind, alert, at, by=request.by, why=request.why)
-            if kind == "acknowledged" and (alert.condition == STORE_RESTORED or OVER in alert.text):  # it waited for a person alone
+            if kind == "acknowledged" and (
+                alert.condition == STORE_RESTORED or alert.over_since_unix_s is not None
+            ):  # it waited for a person alone
                 gone: dict[str, Any] = {"cleared_at_unix_s": at, "updated_at_unix_s": at, "cleared_why": ACKNOWLEDGED_AND_OVER}
                 self._revise_own("cleared", dataclasses.replace(alert, **gone), at)
         log.info("alert=%s/%s %s by=%r why=%r", request.joint or "arm", request.condition, kind, request.by, request.why)
@@ -112,11 +115,10 @@ class AlertChanges:
             self._clear_acknowledged(situation)
 
     def _clear_acknowledged(self, situation: ServiceSituation) -> None:
-        """Clear what no predicate describes, once somebody has acknowledged it; `nothing_learnt` no sooner than `stale` would be."""
-        at, stale = situation.now_unix_s, CONDITIONS[STALE].service
-        over = {STORE_RESTORED} if stale is not None and stale(situation) is not None else {STORE_RESTORED, NOTHING_LEARNT}
+        """Clear what no predicate describes, once somebody has acknowledged it."""
+        at = situation.now_unix_s
         for alert in self._state.alerts.active_alerts:
-            if alert.condition in over and alert.acknowledged_at_unix_s is not None:
+            if alert.condition == STORE_RESTORED and alert.acknowledged_at_unix_s is not None:
                 gone: dict[str, Any] = {"cleared_at_unix_s": at, "updated_at_unix_s": at, "cleared_why": ACKNOWLEDGED_AND_OVER}
                 self._revise_own("cleared", dataclasses.replace(alert, **gone), at)
 
@@ -135,7 +137,7 @@ class AlertChanges:
     def _raise_own(self, condition: str, text: str) -> None:
         with self._state.revising:
             at = self._now()
-            self._revise_own("raised", service_alert(CONDITIONS[condition], text, at), at)
+            self._revise_own("raised", service_alert(CONDITIONS[condition], reason_of(text), at), at)
 
     def _revise_own(self, kind: str, alert: Alert, at: float) -> None:
         self.keep(with_service_alert(self._state.alerts, alert, at), kind, alert, at)

@@ -13,6 +13,7 @@ from monitor.acquire.schedule.windows import ScheduleSettings, upcoming
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.condition import Allowed, ServiceSituation, Standing
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason, reason_of
 from monitor.recording import DAY_S
 from monitor.service.lending import DueReplay
 from monitor.store.store import Store
@@ -54,7 +55,7 @@ def unlearnt(configuration: Configuration, store: Store) -> Standing | None:
     if until is None and learnt is not None:  # replays come on request alone: a joint is STALE then
         until = learnt + DAY_S * configuration.assess.health.stale_days
     rows = [row for row in store.ledger.rows(limit=1) if row.started_at_unix_s >= since and row.state != "assessed"]
-    return Standing(since, "; ".join(filter(None, (row.reason_text for row in rows))), until)
+    return Standing(since, next((row.reason for row in rows if row.reason), None), until)
 
 
 def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float, due: DueReplay | None = None) -> str | None:
@@ -94,6 +95,10 @@ class ArmHeard:
             self._noted = self._at
             self._store.notes.set(HEARD, repr(self._at))
 
+    @property
+    def _why(self) -> Reason | None:
+        return reason_of(self._problem) if self._problem else None
+
     def standing(self, settings: ScheduleSettings, began_unix_s: float | None) -> Standing | None:
         """Since when the arm is not heard, and for how long that may be; None where it may still be found after the start."""
         if self._monotonic() - self._began < TRIED_S:
@@ -101,12 +106,12 @@ class ArmHeard:
         now = self._now()
         since = min(self._at, now)  # a clock that was set back
         if settings.heard_within_days <= 0.0 and now - since < UNHEARD_DAYS * DAY_S:
-            return Standing(since, self._problem or "")  # no search for windows while the arm is heard
+            return Standing(since, self._why)  # no search for windows while the arm is heard
         if settings.heard_within_days > 0.0:
             until: float | None = since + DAY_S * settings.heard_within_days
         else:
             until = _after_windows(settings, since, began_unix_s, UNHEARD_WINDOWS, UNHEARD_DAYS)
-        return Standing(since, self._problem or "", since + DAY_S * WITHOUT_WINDOWS_DAYS if until is None else until)
+        return Standing(since, self._why, since + DAY_S * WITHOUT_WINDOWS_DAYS if until is None else until)
 
 
 def situation(
@@ -121,10 +126,10 @@ def situation(
     refused = store.ledger.refused_in_a_row()
     return ServiceSituation(
         now_unix_s=now_unix_s,
-        stop=Standing(waiting[0].at_unix_s, waiting[-1].text) if waiting else None,
-        refused=None if refused is None else Standing(refused[1], str(refused[2] or ""), windows=refused[0]),
+        stop=Standing(waiting[0].at_unix_s, reason_of(waiting[-1].text)) if waiting else None,
+        refused=None if refused is None else Standing(refused[1], refused[2], windows=refused[0]),
         unlearnt=unlearnt(configuration, store),
         unheard=None if heard is None else heard.standing(configuration.schedule, store.ledger.began_unix_s()),
         allowed=max(allowed, default=None),
-        due=None if due is None else Standing(due.since_unix_s, due.text),
+        due=None if due is None else Standing(due.since_unix_s, reason_of(due.text)),
     )

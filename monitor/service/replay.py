@@ -210,7 +210,7 @@ class Monitor:
         fields = {"replay": row.id, "verdict": row.state}
         health = self._state.health
         if row.state == "assessed" and health is not None:
-            log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why, extra=fields)
+            log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why.text, extra=fields)
         else:
             log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason_text, extra=fields)
 

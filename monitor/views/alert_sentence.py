@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from monitor.judge.alerts.condition import FIRST_SENTENCE
+from monitor.judge.alerts.condition import Headlines
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
@@ -15,7 +15,6 @@ from monitor.views.marks import PRODUCTION
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
 NOW_DAYS = 3.0  # an inspection that is due so soon is due now
-_HELD = re.compile(r"reached by (\d{4}-\d\d-\d\d)")  # the day of the lowest friction, in the text of a rise
 
 
 class JointPast(NamedTuple):
@@ -64,16 +63,16 @@ def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: 
         )
     gravest = alert.get("gravest") if not alert["active"] else None  # a cleared alert says what it was about
     change, text = float((gravest or alert).get("change") or 0.0), str((gravest or alert)["text"])
-    held = _HELD.search(text)
-    if held is not None:
-        began_unix_s = unix_s(held[1])
+    lowest_at = (gravest or alert).get("lowest_at")
+    if lowest_at is not None:
+        began_unix_s = unix_s(lowest_at)
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
     known = CONDITIONS.get(condition)  # None: another release raised it
-    headlines = known.headlines if known is not None else FIRST_SENTENCE
+    headlines = known.headlines if known is not None else Headlines()
     of_arm = (headlines.arm_fallen if change < 0 else "") or headlines.arm
     headline = of_arm if joint is None else headlines.joint
     if headline:
-        return say.say(headline, joint=who, rise=say.percent(abs(change)), since=before)
+        return say.say(headline.replace("{joint:name}", "{joint}"), joint=who, rise=say.percent(abs(change)), since=before)
     first = re.split(r"(?<=[.!?])\s", text, maxsplit=1)[0]
     return say.retell(first) or say.retell(condition)
 

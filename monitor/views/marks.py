@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
+from monitor.judge.alerts.life_cycle import SERVICED
+
 N_ = str  # marks a text for the catalogue
 PRODUCTION = {
     "greased": N_("greased"),
@@ -36,7 +38,7 @@ class Mark(NamedTuple):
 def mark_text(document: Mapping[str, Any]) -> str | None:
     """What was done to the joint, of a transition that work made; None for another transition of an alert."""
     kind = document.get("serviced_kind")
-    because = document.get("kind") == "serviced" or str(document.get("cleared_why") or "").startswith("serviced")
+    because = document.get("kind") == "serviced" or document.get("reasons", {}).get("cleared_why", {}).get("code") == SERVICED.code
     return PRODUCTION.get(str(kind), str(kind)) if because and kind else None
 
 

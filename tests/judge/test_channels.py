@@ -12,14 +12,12 @@ from synthetic_arm import Arm, History, weather
 from monitor.identify.validate import residual_peak
 from monitor.judge.alerts.conditions import WEAR_RISING
 from monitor.judge.alerts.evidence import (
-    AT_LOW,
-    AT_PLACE,
-    KINDS,
-    JointBeside,
-    joint_beside,
+    SPEEDS_RAD_S,
+    JointChannelRise,
+    channel_rise,
+    channel_tiers,
+    joint_channel_rise,
     nothing_counted,
-    rise_beside,
-    tiers_beside,
     wear_of_state,
     weigh_evidence,
 )
@@ -38,6 +36,7 @@ from monitor.judge.drift.observation import NOT_MEASURED, Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.reason import reason_of
 
 J, WORN, ONSET = 6, 2, 90
 DRY, VISCOUS = 1.2, 0.82  # of wear at low speed: with as much dry as viscous friction, F(0.4 rad/s) rises by 1 %
@@ -137,21 +136,21 @@ def test_the_fleet_example_tells_low_speed_wear_with_its_channel():
             raised.setdefault(int(j), day)
     assert list(raised) == [WORN]
     assert ONSET < raised[WORN] <= ONSET + 30
-    found = joint_beside(evidence.beside, evidence.excess, WORN)
-    assert found.kind == AT_LOW
+    found = joint_channel_rise(evidence.channels, evidence.excess, WORN)
+    assert found.speed_rad_s == SPEEDS_RAD_S[0]
     assert np.expm1(found.rise) == pytest.approx(0.10, abs=0.03)  # (1.2·4 + 0.82·1)/5 over (1.2·4 + 0.82·4)/8
-    assert "0.1 rad/s" in found.text(WORN, lambda: "")
+    assert "0.1 rad/s" in found.finding.text
 
 
 def test_wear_at_one_place_never_raises_the_limit():
     """What the fit does not explain is told up to the wear tier: the configured limit is one of friction at the reference speed."""
     states = lived(replays(ONSET + 35, place=True), lambda seen: seen._replace(residual_rms_nm=10.0 * seen.residual_rms_nm))
-    beside = rise_beside(states[-1])
-    assert beside is not None
-    assert KINDS[beside.kind[WORN]] == AT_PLACE
-    assert beside.rise[WORN] > np.log(1.3)
-    N = len(beside.rise)
-    tiers = tiers_beside(beside, np.zeros(N), HealthSettings())
+    channels = channel_rise(states[-1])
+    assert channels is not None
+    assert SPEEDS_RAD_S[channels.at[WORN]] is None
+    assert channels.rise[WORN] > np.log(1.3)
+    N = len(channels.rise)
+    tiers = channel_tiers(channels, np.zeros(N), HealthSettings())
     assert tiers[WORN].tolist() == [True, True, False]
 
 
@@ -216,9 +215,14 @@ def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
         if day >= ONSET and kind == "place":
             residual[WORN] *= 2.4
         worn = replace(seen, coulomb_nm=dry * seen.coulomb_nm, viscous_nm_s_per_rad=viscous * seen.viscous_nm_s_per_rad, rms_nm=residual)
-        texts += [alert.text for _, alert in history.add(float(day), worn).transitions]
+        texts += [alert.text.text for _, alert in history.add(float(day), worn).transitions]
     assert [(joint, condition) for _, what, joint, condition, _ in history.transitions if what == "raised"] == [(WORN + 1, WEAR_RISING)]
     assert any(words in text for text in texts)
+
+
+def of_reference():
+    """What is said of friction at the reference speed."""
+    return reason_of("")
 
 
 def test_the_text_names_the_place_where_the_residual_is_largest():
@@ -228,6 +232,6 @@ def test_the_text_names_the_place_where_the_residual_is_largest():
     peaks = residual_peak(q, residual, np.array([True, False]) & np.ones_like(q, dtype=bool))
     assert peaks[0] == pytest.approx(0.95)
     assert np.isnan(peaks[1])
-    found = JointBeside(rise=0.1, std=0.01, kind=AT_PLACE, ratio=2.0)
-    assert "between 0.9 and 1.0 rad" in found.text(0, lambda: "", peaks)
-    assert "between" not in found.text(1, lambda: "", peaks)
+    found = JointChannelRise(rise=0.1, std=0.01, speed_rad_s=None, ratio=2.0)
+    assert "between 0.9 and 1.0 rad" in found.text(0, of_reference, peaks).text
+    assert "between" not in found.text(1, of_reference, peaks).text

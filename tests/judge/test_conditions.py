@@ -12,14 +12,15 @@ from monitor.judge.alerts.condition import AlertCondition, AlertTier, Headlines,
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.health import OFF_SPEC, STATES, TIERS, alert_document, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge
+from monitor.reason import Sentence
 
 # Everything that a developer writes for a further condition: one record. In the program it stands in `CONDITIONS`.
 OVERHEATED = AlertCondition(
     name="overheated",
-    headlines=Headlines(joint="{joint} is too hot."),
+    headlines=Headlines(joint="{joint:name} is too hot."),
     joint=repeated(
         lambda situation: situation.belief.temperature_c[situation.j] > 70.0,
-        lambda situation, seen: f"Joint {situation.j + 1} is hotter than 70 °C, in {seen.replays} replays in a row.",
+        Sentence("hot_joint", "{joint:joint} is hotter than 70 °C, in {replays} replays in a row."),
     ),
     tiers={"advisory": AlertTier(OFF_SPEC, "Let the arm cool down.", "a joint is hotter than 70 °C in three replays in a row")},
 )
@@ -44,10 +45,10 @@ def test_a_registered_condition_is_raised_acknowledged_and_cleared(overheated):
     history = lived([75.0] * 3)
     assert history.transitions == [(2, "raised", 2, "overheated", "advisory")]
     [alert] = history.health.active_alerts
-    assert alert.text == "Joint 2 is hotter than 70 °C, in 3 replays in a row."
-    assert (alert.action, alert.severity) == ("Let the arm cool down.", "low")
+    assert alert.text.text == "Shoulder (joint 2) is hotter than 70 °C, in 3 replays in a row."
+    assert (alert.action.text, alert.severity) == ("Let the arm cool down.", "low")
     assert (history.health.state, history.health.joints[1].state) == (OFF_SPEC, OFF_SPEC)
-    assert history.health.joints[1].why == "overheated (advisory)"
+    assert history.health.joints[1].why.text == "overheated (advisory)"
 
     history.health = acknowledge(history.health, 2, "overheated", by="Ada", why="seen", at_unix_s=alert.raised_at_unix_s + 60.0)
     history.add(3, Arm(seed=2).replay(30.0))
@@ -70,7 +71,7 @@ def test_a_registered_condition_travels_and_survives(overheated):
     health = lived([75.0] * 3).health
     [alert] = health.active_alerts
     published = Alert.model_validate(outside(alert_document(alert)))
-    assert (published.condition, published.text, published.action) == (alert.condition, alert.text, alert.action)
+    assert (published.condition, published.text, published.action) == (alert.condition, alert.text.text, alert.action.text)
     stored = json.loads(json.dumps(health.as_document()))
     back = health_from_document(stored)
     assert back == health

@@ -161,7 +161,7 @@ def test_without_temperatures_the_uncertainty_is_larger_and_no_wear_alert_is_rai
     # but one alert of the arm reports the missing temperatures, and the reason of each joint is right
     assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.transitions] == [("raised", None, "temperature_sensor")]
     assert without.health.state == "CHECK_FUNCTION"
-    reasons = " ".join(why_not_alerting(without.health, blind.belief, 3, HealthSettings()))
+    reasons = " ".join(each.text for each in why_not_alerting(without.health, blind.belief, 3, HealthSettings()))
     assert "does not tell this joint's temperature" in reasons
     assert "outside the temperatures" not in reasons
 

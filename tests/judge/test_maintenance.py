@@ -63,7 +63,7 @@ def test_a_replaced_joint_has_no_alert_at_once_and_everything_is_learnt_anew():
     assert history.health.joints[2].state == "FAILURE"
     [cleared] = serviced(history, 3, REPLACED, 39.5)
     assert (cleared.kind, cleared.alert.serviced_by) == ("cleared", "Ada")
-    assert cleared.alert.cleared_why.startswith("serviced")
+    assert cleared.alert.cleared_why.text.startswith("serviced")
     assert cleared.alert.gravest.tier == "limit"
     assert cleared.alert.gravest.text == alert.gravest.text
     assert history.health.state == "NORMAL"
@@ -85,17 +85,17 @@ def test_a_serviced_joint_waits_for_its_proof_and_is_normal_once_replays_have_sh
     assert (waiting.kind, waiting.alert.active, waiting.alert.awaiting_proof) == ("serviced", True, True)
     assert history.health.joints[1].state == "CHECK_FUNCTION"
     [why] = why_not_alerting(history.health, history.last.belief, 2, history.settings.health)
-    assert "The next replays show what it did" in why
+    assert "The next replays show what it did" in why.text
     maintenance = after(history, 2, -0.03, range(40, 70))
     assert list(maintenance) == [42]
     assert maintenance[42][0].outcome == NEW_REFERENCE
     assert maintenance[42][0].change == pytest.approx(0.97 / 1.296 - 1.0, abs=0.05)
     assert not rises(history, 2)
     [cleared] = [alert for alert in history.health.alerts if alert.joint == 2]
-    assert cleared.cleared_why.startswith("serviced: Shoulder (joint 2) was " + kind)
+    assert cleared.cleared_why.text.startswith("serviced: Shoulder (joint 2) was " + kind)
     assert cleared.gravest.change > 0.25
     assert history.health.joints[1].state == "NORMAL"
-    assert f"since it was {kind} on 2025-07-25" in history.health.joints[1].why
+    assert f"since it was {kind} on 2025-07-25" in history.health.joints[1].why.text
     assert abs(history.last.friction[1].wear) < 0.03
     assert {each[1:4] for each in history.transitions if each[0] >= 40} == {("cleared", 2, "sudden_step")}
 
@@ -108,11 +108,11 @@ def test_production_that_did_not_bring_friction_back_leaves_the_alert_and_says_s
     assert maintenance[42][0].outcome == STILL_WORN
     [alert] = rises(history, 2)
     assert not alert.awaiting_proof
-    assert "not brought its friction back" in alert.text
-    assert "Look at this joint again" in alert.action
+    assert "not brought its friction back" in alert.text.text
+    assert "Look at this joint again" in alert.action.text
     after(history, 2, 0.30, range(43, 50))
     [alert] = rises(history, 2)
-    assert "greased on 2025-07-25 by Ada" in alert.text
+    assert "greased on 2025-07-25 by Ada" in alert.text.text
     assert history.last.friction[1].wear == pytest.approx(0.30, abs=0.05)
     assert history.health.joints[1].state == ("FAILURE" if alert.tier == "limit" else "MAINTENANCE_REQUIRED")
 
@@ -169,5 +169,5 @@ def test_a_new_serial_number_clears_the_alerts_of_that_joint_alone():
     renewed = replace(CONTEXT, joint_serials=("a", "B2", "c", "d", "e", "f"))
     verdict = history.add(PRODUCTION_DAY, Arm(seed=999).replay(30.0, np.array([0, -0.1, 0, 0, 0.2, 0])), renewed)
     assert [(each.kind, each.alert.joint) for each in verdict.transitions] == [("cleared", 2)]
-    assert "is of the old one" in verdict.transitions[0].alert.text
+    assert "is of the old one" in verdict.transitions[0].alert.text.text
     assert [alert.joint for alert in history.health.active_alerts] == [5]

@@ -226,7 +226,7 @@ def test_production_alone_raises_an_advisory_and_asks_for_a_replay_before_it_rai
         found = plant.production(day, worn(2, 0.2))
     assert alerts(plant) == [(2, "advisory")]
     assert found.asks == (2,)
-    assert "no replay has confirmed it yet" in plant.history.health.active_alerts[0].text
+    assert "no replay has confirmed it yet" in plant.history.health.active_alerts[0].text.text
     plant.replay(LEARNT + 32, worn(2, 0.2))
     assert alerts(plant) == [(2, "wear")]
     assert plant.history.last.belief.production.asks == ()

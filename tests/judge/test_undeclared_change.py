@@ -67,7 +67,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
     assert history.health.state == "CHECK_FUNCTION"
     assert [(day, joint, condition) for day, _, joint, condition, _ in history.transitions] == [(21, None, "payload_contradiction")]
     [alert] = history.health.active_alerts
-    assert "about 2.5 kg more" in alert.text
+    assert "about 2.5 kg more" in alert.text.text
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
     assert history.last.belief.filter_state.replays[1] == 20  # nothing learnt of the three
 
@@ -233,7 +233,7 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
     ]
     [alert] = with_level.health.active_alerts
     told = "payload_kg says 0.0 kg, and it weighs about 0.5 kg; wear is judged against a level of its own since 2025-07-20"
-    assert alert.text.endswith(told)
+    assert alert.text.text.endswith(told)
     assert with_level.health.state == "CHECK_FUNCTION"
     assert {joint.state for joint in with_level.health.joints} == {"NORMAL"}
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
-from monitor.judge.alerts.states import unseen_steps_text
+from monitor.judge.alerts.states import unseen_steps
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import STEP
 from monitor.judge.drift.observation import Observation
@@ -112,6 +112,6 @@ def test_nothing_is_told_of_a_fresh_step_before_ten_days():
     """Nor, in the words of all joints, where documents of an older release lack the figure."""
     belief = lived(0.0, 8)[-1]
     assert np.isnan(belief.unseen_step(DRIFT).log_rise).all()
-    assert unseen_steps_text([{"joint": 1}, {"joint": 2, "unseen_step": None}]) == ""
-    told = unseen_steps_text([{"joint": 1, "unseen_step": 0.042, "unseen_step_days": 10.0}])
-    assert "one of the last 10 days may be unseen up to Base 4%" in told
+    assert unseen_steps([{"joint": 1}, {"joint": 2, "unseen_step": None}]) is None
+    told = unseen_steps([{"joint": 1, "unseen_step": 0.042, "unseen_step_days": 10.0}])
+    assert "one of the last 10 days may be unseen up to Base 4%" in told.text

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, assumptions_text, remaining_life, remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, assumptions, remaining_life, remaining_life_of_joint
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
+from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import RATE, SLOTS, WEAR, begin_history
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
@@ -200,11 +201,10 @@ def test_a_joint_that_did_not_production_has_no_path():
 def test_the_sentence_names_what_the_days_assume():
     """A joint with a date says so; one without, and a document of an older release, say nothing."""
     rows: list[dict[str, object]] = [
-        {"joint": 2, "remaining_life": life_along(None)._asdict()},
-        {"joint": 3, "remaining_life": {"p50_days": 10.0, "verdict": "trend"}},
-        {"joint": 4, "remaining_life": {"p50_days": None, "assumption": ""}},
+        {"joint": 2, "remaining_life": plain(life_along(None))},
+        {"joint": 4, "remaining_life": {"p50_days": None, "assumption": None}},
     ]
-    assert assumptions_text(rows) == "Shoulder (joint 2): the limit in 200 d if friction goes on along a straight line."
+    assert assumptions(rows).text == "Shoulder (joint 2): the limit in 200 d if friction goes on along a straight line."
 
 
 def test_wear_of_one_joint_leaves_the_paths_of_others_alone() -> None:

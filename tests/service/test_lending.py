@@ -15,6 +15,7 @@ from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.conditions import SERVICE_CONDITIONS
 from monitor.publish.metrics import families
 from monitor.publish.timestamps import outside
+from monitor.reason import reason_of
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
 from monitor.service.lending import BorrowedWindow, DueReplay
@@ -255,13 +256,13 @@ def test_the_alert_stale_and_the_status_line_name_what_is_waited_for():
     due = DueReplay(key_unix_s=THREE, since_unix_s=THREE, until_unix_s=THREE + DAY, passed_by="payload: 0.4 kg more than configured")
     situation = ServiceSituation(
         now_unix_s=START + 3 * DAY,
-        unlearnt=Standing(START, "an older reason", START + 2 * DAY),
-        due=Standing(due.since_unix_s, due.text),
+        unlearnt=Standing(START, reason_of("an older reason"), START + 2 * DAY),
+        due=Standing(due.since_unix_s, reason_of(due.text)),
     )
     (stale,) = [condition for condition in SERVICE_CONDITIONS if condition.name == "stale"]
-    text = stale.service(situation)
+    text = stale.service(situation).text
     waited = "waiting for the program's node; at the last one: payload: 0.4 kg more than configured"
-    assert text.endswith(f"A replay is due since 2026-06-01T03:00:00Z, {waited}.")
+    assert text.endswith(f"A replay is due since 2026-06-01 03:00 UTC, {waited}.")
     assert "older reason" not in text
     document = {"last_replay": None, "next_replay_due_unix_s": None, "arm": {"heard": True}, "troubles": [], "due": due.as_document()}
     assert f"due since 2026-06-01T03:00:00Z, {waited}" in status_line("NORMAL", document)

@@ -11,6 +11,7 @@ from monitor.judge.alerts.evidence import Evidence
 from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, HealthSettings, JointHealth, State
 from monitor.judge.belief import Belief
 from monitor.judge.drift.undeclared import UndeclaredChange
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 
@@ -55,7 +56,7 @@ class Standing(NamedTuple):
     """Something that has lasted since a time."""
 
     since_unix_s: float
-    reason: str = ""  # as the service knows it
+    reason: Reason | None = None  # as the service knows it
     until_unix_s: float | None = None  # it may last so long; None: for ever, or it may not last at all
     windows: int = 0  # of the schedule that it has cost
 
@@ -88,8 +89,10 @@ class ConditionStatus(NamedTuple):
     hold_tier: int | None  # index of the tier at which an active alert may stay; None: the condition is gone
     change: float  # of friction torque, as a fraction; 0 for a condition of the data
     probabilities: Array  # (3,) that the change exceeds the rise of each tier
-    text: Callable[[], str]  # made only for an alert that is raised, updated or cleared
+    text: Callable[[], Reason]  # made only for an alert that is raised, updated or cleared
     attribution: Attribution | None = None
+    lowest_at_unix_s: float | None = None  # when the friction was lowest that a rise is counted from; None: the beginning, or no rise
+    from_production: bool = False  # whether the arm's ordinary work shows it
     restated: bool = False  # whether an active alert says from now on what it did not say before
 
 
@@ -118,13 +121,15 @@ class Rule(Generic[Situation]):
 
 def repeated(
     shows: Callable[[Situation], bool | None],
-    text: Callable[[Situation, Confirmations], str],
+    text: Sentence | Callable[[Situation, Confirmations], Reason],
     enough: Callable[[Confirmations, HealthSettings], bool] = enough_replays,
 ) -> Rule[Situation]:
     """A rule that raises an advisory when enough consecutive replays show a condition, and ends it with the first that does not.
 
     A replay of which `shows` cannot tell (None) changes nothing: missing data do not end a condition.
+    text : a sentence with places for `replays`, and of a joint for `joint` and `temperature_c`; or what makes it.
     """
+    worded = partial(_in_a_row, text) if isinstance(text, Sentence) else text
 
     def status(situation: Situation, confirmations: Confirmations) -> ConditionStatus:
         return ConditionStatus(
@@ -132,10 +137,19 @@ def repeated(
             hold_tier=0 if confirmations.replays else None,
             change=0.0,
             probabilities=np.ones(3),
-            text=partial(text, situation, confirmations),
+            text=partial(worded, situation, confirmations),
         )
 
     return Rule(status, shows)
+
+
+def _in_a_row(sentence: Sentence, situation: ArmSituation | JointSituation, confirmations: Confirmations) -> Reason:
+    """A sentence that replays in a row show."""
+    if isinstance(situation, ArmSituation):
+        return sentence(replays=confirmations.replays)
+    temperature_c = float(situation.belief.temperature_c[situation.j])
+    known = {"temperature_c": temperature_c} if np.isfinite(temperature_c) else {}
+    return sentence(joint=situation.j + 1, replays=confirmations.replays, **known)
 
 
 class AlertTier(NamedTuple):
@@ -147,9 +161,9 @@ class AlertTier(NamedTuple):
 
 
 class Headlines(NamedTuple):
-    """What a page or a message leads with, by whom the alert concerns; empty: the first sentence of the alert's own text.
+    """What a page or a message leads with, by whom the alert concerns; empty: the alert's own text.
 
-    `{joint}` is the joint's name, `{rise}` the size of the change of friction, `{since}` the day with which it is compared.
+    `{joint:name}` is the joint, `{rise}` the size of the change of friction, `{since}` the day with which it is compared.
     """
 
     joint: str = ""
@@ -157,12 +171,15 @@ class Headlines(NamedTuple):
     arm_fallen: str = ""  # where the arm's friction has fallen; empty: as `arm`
 
 
-FIRST_SENTENCE = Headlines()  # that of the alert's own text
+NO_HEADLINES = Headlines()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AlertCondition:
     """Everything that is known of one alert condition: rules, texts, page, metrics and documentation read this record.
+
+    Headlines, advice and `probability_of` are sentences of the codes `<name>.joint`, `<name>.arm`, `<name>.arm_fallen`, `<name>.<tier>` and
+    `<name>.probability`.
 
     `name` is the condition's key in `CONDITIONS`, in alerts, on the bus and in the history. `tiers` has the tier names of `health.TIERS`
     (advisory, wear, limit) in that order: every tier that a rule raises, and at least one. The service raises its own conditions as an
@@ -171,10 +188,10 @@ class AlertCondition:
 
     name: str
     tiers: Mapping[str, AlertTier]  # by the name of the tier, in ascending order
-    headlines: Headlines = FIRST_SENTENCE  # for people; a page says them in its reader's language
+    headlines: Headlines = NO_HEADLINES  # for people; a page says them in its reader's language
     joint: Rule[JointSituation] | None = None  # how the condition of a joint is raised
     arm: Rule[ArmSituation] | None = None  # how the condition of the arm is raised; neither: the service itself raises it
-    service: Callable[[ServiceSituation], str | None] | None = None  # the text while the service's own condition holds, else None
+    service: Callable[[ServiceSituation], Reason | None] | None = None  # the text while the service's own condition holds, else None
     probability_of: str | None = None  # what the friction does with the alert's probability; None: the alert is not of friction
 
     def __post_init__(self) -> None:
@@ -189,3 +206,21 @@ class AlertCondition:
         rules = [rule.raises for rule in (self.joint, self.arm) if rule is not None] or [("advisory",)]
         if missing := [name for name in TIERS if any(name in raises for raises in rules) and name not in names]:
             raise ValueError(f"alert condition {self.name!r}: raises {', '.join(missing)}, which its tiers {list(names)} do not have")
+        advice = {name: tier.advice for name, tier in self.tiers.items()}
+        for part, text in {**self.headlines._asdict(), **advice, "probability": self.probability_of}.items():
+            if text:
+                Sentence(f"{self.name}.{part}", text)
+
+    def action(self, tier: str) -> Reason:
+        """What a person shall do about an alert of this tier."""
+        return Reason(f"{self.name}.{tier}")
+
+    def headline(self, joint: int | None, change: float, rise: str, since: str) -> Reason | None:
+        """What a page leads with; None where the condition has no headline. rise, since : as the reader's language words them."""
+        part = "joint" if joint is not None else "arm_fallen" if change < 0 and self.headlines.arm_fallen else "arm"
+        return Reason(f"{self.name}.{part}", {"joint": joint, "rise": rise, "since": since}) if getattr(self.headlines, part) else None
+
+    @property
+    def change_probable(self) -> Reason | None:
+        """What the friction does with the alert's probability; None: the alert is not of friction."""
+        return None if self.probability_of is None else Reason(f"{self.name}.probability")

@@ -24,54 +24,63 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.evidence import joint_beside
+from monitor.judge.alerts.evidence import joint_channel_rise
 from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, TIERS, Confirmations
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 
-STORE_RESTORED, NOTHING_LEARNT = "store_restored", "nothing_learnt"
+STORE_RESTORED = "store_restored"
 STOPPED, STALE, UNHEARD = "stopped", "stale", "unheard"
 REFUSED_WINDOWS, REFUSED_DAYS = 3, 1.0  # so many windows in a row, over so long, are no working day of the cell
+NOTHING_MOVES = Sentence("nothing_moves", "Nothing moves since {since_unix_s:time}: {why}. It waits for a person.")
+REFUSED = Sentence(
+    "every_window_refused", "Nothing moves since {since_unix_s:time}: every window since then was refused; the last one: {why}."
+)
+OUT_OF_DATE = Sentence(
+    "nothing_learnt", "Nothing was learnt of this arm since {since_unix_s:time}: what is known of its joints is of then, not of now."
+)
+LAST_WINDOW = Sentence("last_window", "The last window: {why}.")
+REPLAY_DUE = Sentence("replay_due", "A replay is due since {since_unix_s:time}, {why}.")
+NOT_HEARD = Sentence("not_heard", "The arm is not heard since {since_unix_s:time}.")
+NOT_HEARD_WHY = Sentence("not_heard_why", "The arm is not heard since {since_unix_s:time}: {why}.")
+NO_REASON = Sentence("no_reason", "no reason is known")()
 
 
-def _stopped(situation: ServiceSituation) -> str | None:
+def _stopped(situation: ServiceSituation) -> Reason | None:
     """A stop waits for a person; or every window is refused, so that nothing will move by itself either."""
     if situation.stop is not None:
-        return f"Nothing moves since {_time(situation.stop)}: {situation.stop.reason}. It waits for a person."
+        return NOTHING_MOVES(since_unix_s=situation.stop.since_unix_s, why=situation.stop.reason or NO_REASON)
     refused = situation.refused
     if refused is None or refused.windows < REFUSED_WINDOWS or situation.now_unix_s - refused.since_unix_s < REFUSED_DAYS * DAY_S:
         return None
-    return f"Nothing moves since {_time(refused)}: every window since then was refused; the last one: {refused.reason}."
+    return REFUSED(since_unix_s=refused.since_unix_s, why=refused.reason or NO_REASON)
 
 
-def _stale(situation: ServiceSituation) -> str | None:
+def _stale(situation: ServiceSituation) -> Reason | None:
     learnt = situation.unlearnt
     if learnt is None or not _over(learnt, situation):
         return None
-    last = f" The last window: {learnt.reason}." if learnt.reason else ""
+    last = LAST_WINDOW(why=learnt.reason) if learnt.reason else None
     if situation.due is not None:
-        last = f" A replay is due since {_time(situation.due)}, {situation.due.reason}."
-    return f"Nothing was learnt of this arm since {_time(learnt)}: what is known of its joints is of then, not of now.{last}"
+        last = REPLAY_DUE(since_unix_s=situation.due.since_unix_s, why=situation.due.reason or NO_REASON)
+    return together(OUT_OF_DATE(since_unix_s=learnt.since_unix_s), last)
 
 
-def _unheard(situation: ServiceSituation) -> str | None:
+def _unheard(situation: ServiceSituation) -> Reason | None:
     heard = situation.unheard
     if heard is None or not _over(heard, situation):
         return None
-    return f"The arm is not heard since {_time(heard)}{f': {heard.reason}' if heard.reason else ''}."
+    since = heard.since_unix_s
+    return NOT_HEARD_WHY(since_unix_s=since, why=heard.reason) if heard.reason else NOT_HEARD(since_unix_s=since)
 
 
 def _over(standing: Standing, situation: ServiceSituation) -> bool:
     """Whether it has lasted for longer than it may."""
     return standing.until_unix_s is not None and situation.now_unix_s >= standing.until_unix_s
-
-
-def _time(standing: Standing) -> str:
-    return f"{np.datetime64(int(standing.since_unix_s), 's')}Z"
 
 
 SERVICE_CONDITIONS = (
@@ -123,17 +132,6 @@ SERVICE_CONDITIONS = (
             )
         },
     ),
-    AlertCondition(  # an alert that 0.2.0 raised goes on until it is cleared; since then the same is `stale`
-        name=NOTHING_LEARNT,
-        headlines=Headlines(arm="The monitor has learned nothing about this arm for days."),
-        tiers={
-            "advisory": AlertTier(
-                CHECK_FUNCTION,
-                "Look why the last windows failed (joint-monitor status): until one succeeds, wear goes unnoticed.",
-                "version 0.2.0 raised this for what is `stale` now",
-            )
-        },
-    ),
 )
 
 
@@ -162,7 +160,7 @@ def _kind_of_rise(situation: JointSituation) -> str:
         if alert is not None and alert.active:
             return condition
     evidence = situation.arm.evidence
-    if joint_beside(evidence.beside, evidence.excess, j).found:
+    if joint_channel_rise(evidence.channels, evidence.excess, j).found:
         return WEAR_RISING
     return SUDDEN_STEP if belief.filter_state.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
 
@@ -175,16 +173,17 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
     if name != _kind_of_rise(situation) or not situation.heard:
         return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
-    beside = joint_beside(evidence.beside, evidence.excess, j)
-    change = math.expm1(max(evidence.excess[j], beside.rise))
+    channels = joint_channel_rise(evidence.channels, evidence.excess, j)
+    change = math.expm1(max(evidence.excess[j], channels.rise))
     confirmations = max(situation.health.rising, key=lambda each: each.replays)
     return ConditionStatus(
         raise_tier=int(evidence.raises[j]) if evidence.raises[j] >= 0 else None,
         hold_tier=max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None),
         change=change,
-        probabilities=np.maximum(evidence.above[j], beside.above(settings)),
-        text=partial(beside.text, j, partial(_friction_text, situation, confirmations), situation.belief.residual_peak_rad),
+        probabilities=np.maximum(evidence.above[j], channels.above(settings)),
+        text=partial(channels.text, j, partial(_friction_text, situation, confirmations), situation.belief.residual_peak_rad),
         attribution=situation.attribution,
+        lowest_at_unix_s=_lowest_at_unix_s(situation.belief, j),
     )
 
 
@@ -204,7 +203,25 @@ def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus | N
     )
 
 
-def _friction_text(situation: JointSituation, confirmations: Confirmations, *, since_beginning: bool = False) -> str:
+FRICTION_CHANGED = Sentence(
+    "friction_changed",
+    "{joint:joint}: friction at {speed_rad_s:g} rad/s and {temperature_c:.1f} °C went from {before_nm:.2f} to {now_nm:.2f} N·m "
+    "({change:+z.1%} ± {std:.1%}), temperature taken out ({slope:.2%}/K); {replays} replays on {days} days in a row agree.",
+)
+FRICTION_ABOVE_LOWEST = Sentence(
+    "friction_above_lowest",
+    "{joint:joint}: friction at {speed_rad_s:g} rad/s and {temperature_c:.1f} °C went from {before_nm:.2f} to {now_nm:.2f} N·m "
+    "({change:+z.1%} ± {std:.1%} above the lowest level held, {fallen:+z.1%} from the beginning, reached by {lowest_at_unix_s:day}), "
+    "temperature taken out ({slope:.2%}/K); {replays} replays on {days} days in a row agree.",
+)
+CAUSES = Sentence(
+    "causes_of_change",
+    "Of the measured {whole:+z.1%}, temperature makes {temperature:+z.1%}, payload and context {payload:+z.1%}, wear {wear:+z.1%}, "
+    "chance {rest:+z.1%}.",
+)
+
+
+def _friction_text(situation: JointSituation, confirmations: Confirmations, *, since_beginning: bool = False) -> Reason:
     """Friction before and after, the replays that agree, and the causes of the change.
 
     since_beginning : whether before is the beginning, as for a fall, and not the lowest level held, as for a rise.
@@ -214,28 +231,30 @@ def _friction_text(situation: JointSituation, confirmations: Confirmations, *, s
     now = float(belief.level()[j] + wear)
     change = float(situation.arm.evidence.fall[j]) if since_beginning else wear
     std = math.exp(change) * math.hypot(belief.wear_std[j], math.sqrt(reference.fallen_var[j]) if since_beginning else 0.0)
-    text = (
-        f"{joint_text(j + 1)}: friction at {belief.reference_speed_rad_s:g} rad/s and {belief.reference_temperature_c[j]:.1f} °C went from "
-        f"{math.exp(now - change):.2f} to {math.exp(now):.2f} N·m ({math.expm1(change):+z.1%} ± {std:.1%}"
-        f"{'' if since_beginning else _above_lowest(belief, j)}), temperature "
-        f"taken out ({belief.slope[j]:.2%}/K); {confirmations.replays} replays on {confirmations.days} days in a row agree."
-    )
-    if causes is None:
-        return text
-    return (
-        f"{text} Of the measured {math.expm1(causes.whole):+z.1%}, temperature makes {math.expm1(causes.temperature):+z.1%}, payload and "
-        f"context {math.expm1(causes.payload):+z.1%}, wear {math.expm1(causes.wear):+z.1%}, chance {math.expm1(causes.rest):+z.1%}."
-    )
+    figures = {
+        **{"joint": j + 1, "speed_rad_s": belief.reference_speed_rad_s, "temperature_c": belief.reference_temperature_c[j]},
+        **{
+            "before_nm": math.exp(now - change),
+            "now_nm": math.exp(now),
+            "change": math.expm1(change),
+            "std": std,
+            "slope": belief.slope[j],
+        },
+        **{"replays": confirmations.replays, "days": confirmations.days},
+    }
+    lowest_at = None if since_beginning else _lowest_at_unix_s(belief, j)
+    if lowest_at is None:
+        text = FRICTION_CHANGED(**figures)
+    else:
+        fallen = math.expm1(reference.fallen[j] + reference.run_in[j])
+        text = FRICTION_ABOVE_LOWEST(**figures, fallen=fallen, lowest_at_unix_s=lowest_at)
+    return together(text, None if causes is None else CAUSES(**{name: math.expm1(part) for name, part in causes._asdict().items()}))
 
 
-def _above_lowest(belief: Belief, j: int) -> str:
-    """From which level a rise counts; empty where that is the level at the beginning."""
-    reference = belief.filter_state.counted_from
-    if not math.isfinite(reference.held_days[j]):
-        return ""
-    since = np.datetime64(int(belief.at_unix_s - reference.held_days[j] * DAY_S), "s").astype("datetime64[D]")
-    fell = math.expm1(reference.fallen[j] + reference.run_in[j])
-    return f" above the lowest level held, {fell:+z.1%} from the beginning, reached by {since}"
+def _lowest_at_unix_s(belief: Belief, j: int) -> float | None:
+    """When the level was reached from which a rise counts; None where that is the level at the beginning."""
+    held_days = belief.filter_state.counted_from.held_days[j]
+    return float(belief.at_unix_s - held_days * DAY_S) if math.isfinite(held_days) else None
 
 
 # --- friction of most joints together -----------------------------------------------------------------------
@@ -265,13 +284,33 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus |
     )
 
 
-def _common_text(change: float, situation: ArmSituation) -> str:
+COMMON = {  # by whether friction rose, and whether shoulder and elbow changed most
+    (True, False): Sentence(
+        "common_rise",
+        "Friction has risen in most joints together, by about {change:+z.1%} in {replays} replays: not the wear of one joint.",
+    ),
+    (False, False): Sentence(
+        "common_fall",
+        "Friction has fallen in most joints together, by about {change:+z.1%} in {replays} replays: not the grease of one joint.",
+    ),
+    (True, True): Sentence(
+        "common_rise_of_loaded",
+        "Friction has risen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%} in {replays} replays: "
+        "not the wear of one joint.",
+    ),
+    (False, True): Sentence(
+        "common_fall_of_loaded",
+        "Friction has fallen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%} in {replays} replays: "
+        "not the grease of one joint.",
+    ),
+}
+
+
+def _common_text(change: float, situation: ArmSituation) -> Reason:
     common, shared = situation.common, situation.belief.filter_state.counted_from.shared
-    direction, cause = ("risen", "the wear") if change >= 0 else ("fallen", "the grease")
     most = np.argsort(-np.abs(shared))[: len(LOADED)]
     load = len(shared) > max(LOADED) and set(most) == set(LOADED) and np.abs(shared[most]).min() > MOSTLY_LOAD * np.median(np.abs(shared))
-    where = "shoulder and elbow most, as an undeclared payload makes it" if load else "most joints together"
-    return f"Friction has {direction} in {where}, by about {change:+z.1%} in {common.replays} replays: not {cause} of one joint."
+    return COMMON[change >= 0, bool(load)](change=change, replays=common.replays)
 
 
 # --- data and declarations ----------------------------------------------------------------------------------
@@ -309,9 +348,18 @@ def outside_learnt_range(situation: JointSituation) -> bool | None:
     return bool(not belief.inside_range[j] and belief.replays > situation.settings.learning_replays)
 
 
-def _joint_text(what: str, situation: JointSituation, confirmations: Confirmations) -> str:
-    T = situation.belief.temperature_c[situation.j]
-    return f"{joint_text(situation.j + 1)} {what.format(T=T)}, in {confirmations.replays} replays in a row."
+NO_TEMPERATURE = Sentence(
+    "no_temperature", "{joint:joint} tells no temperature, or none that can be believed, in {replays} replays in a row."
+)
+NO_TEMPERATURES = Sentence(
+    "no_temperatures", "No joint's temperature is known in {replays} replays in a row: of wear nothing is told until one is."
+)
+NOT_RESOLVED = Sentence(
+    "not_resolved", "{joint:joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."
+)
+NEW_TEMPERATURE = Sentence(
+    "new_temperature", "{joint:joint} at {temperature_c:.1f} °C is outside the temperatures learnt so far, in {replays} replays in a row."
+)
 
 
 def _undeclared(name: str) -> Rule[ArmSituation]:
@@ -322,7 +370,7 @@ def _undeclared(name: str) -> Rule[ArmSituation]:
         found = situation.undeclared.condition
         return found == name if found in (None, name) else None
 
-    two = repeated(shows, lambda situation, _: situation.undeclared.text, two_replays)
+    two = repeated(shows, lambda situation, _: situation.undeclared.reason, two_replays)
 
     def status(situation: ArmSituation, confirmations: Confirmations) -> ConditionStatus | None:
         """An alert that is raised already says it when wear is judged again."""
@@ -339,7 +387,7 @@ CONDITIONS: dict[str, AlertCondition] = {
     for condition in (
         AlertCondition(
             name=WEAR_RISING,
-            headlines=Headlines(joint="{joint} turns {rise} heavier than {since}."),
+            headlines=Headlines(joint="{joint:name} turns {rise} heavier than {since}."),
             joint=Rule(partial(_rising, WEAR_RISING), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
@@ -358,7 +406,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=SUDDEN_STEP,
-            headlines=Headlines(joint="{joint} all at once turns {rise} heavier than {since}."),
+            headlines=Headlines(joint="{joint:name} all at once turns {rise} heavier than {since}."),
             joint=Rule(partial(_rising, SUDDEN_STEP), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
@@ -381,7 +429,7 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name=FALLING,
-            headlines=Headlines(joint="{joint} turns {rise} lighter than {since}."),
+            headlines=Headlines(joint="{joint:name} turns {rise} lighter than {since}."),
             joint=Rule(_falling),
             probability_of="has fallen by more than the wear tier's rise",
             tiers={
@@ -448,14 +496,9 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="temperature_sensor",
-            headlines=Headlines(joint="{joint} reports no temperature that can be believed.", arm="No joint reports its temperature."),
-            joint=repeated(_lacks_temperature, partial(_joint_text, "tells no temperature, or none that can be believed")),
-            arm=repeated(
-                _arm_lacks_temperature,
-                lambda _, confirmations: (
-                    f"No joint's temperature is known in {confirmations.replays} replays in a row: of wear nothing is told until one is."
-                ),
-            ),
+            headlines=Headlines(joint="{joint:name} reports no temperature that can be believed.", arm="No joint reports its temperature."),
+            joint=repeated(_lacks_temperature, NO_TEMPERATURE),
+            arm=repeated(_arm_lacks_temperature, NO_TEMPERATURES),
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
@@ -466,8 +509,8 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="data_quality",
-            headlines=Headlines(joint="The last replays do not show how heavily {joint} turns."),
-            joint=repeated(_unreliable, partial(_joint_text, "is not resolved, or scatters more than the filter believes")),
+            headlines=Headlines(joint="The last replays do not show how heavily {joint:name} turns."),
+            joint=repeated(_unreliable, NOT_RESOLVED),
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
@@ -478,8 +521,8 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="outside_range",
-            headlines=Headlines(joint="{joint} works at temperatures that are new to the monitor."),
-            joint=repeated(outside_learnt_range, partial(_joint_text, "at {T:.1f} °C is outside the temperatures learnt so far")),
+            headlines=Headlines(joint="{joint:name} works at temperatures that are new to the monitor."),
+            joint=repeated(outside_learnt_range, NEW_TEMPERATURE),
             tiers={
                 "advisory": AlertTier(
                     OFF_SPEC,

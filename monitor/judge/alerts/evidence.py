@@ -23,14 +23,23 @@ from monitor.judge.drift.channels import CONTRAST, FAST, RESIDUAL, SLOW, Channel
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
 from monitor.judge.drift.update.change_detection import LONG
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S, Array
 
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly
-AT_LOW, AT_HIGH, AT_PLACE = f"{SLOW_RAD_S:g} rad/s", f"{FAST_RAD_S:g} rad/s", "one place"
-KINDS = (AT_LOW, AT_HIGH, AT_PLACE)
+SPEEDS_RAD_S = (SLOW_RAD_S, FAST_RAD_S, None)  # at which a channel finds a rise; None: at one place of the joint, at any speed
 LEAST_STD = 0.01  # [log] a straight line is no law of friction: what it says of another speed is not better known than this
 NOTHING = -np.inf  # [log] rise where no channel found a change
+
+AT_ONE_PLACE = Sentence(
+    "rise_at_place",
+    "torque that the fit does not explain is {ratio:.1f} times that of before, {change:+z.0%} ± {std:.0%} of friction: wear at one place",
+)
+AT_SPEED = Sentence(
+    "rise_at_speed", "friction at {speed_rad_s:g} rad/s rose by {change:+z.0%} ± {std:.0%} against friction at {reference_rad_s:g} rad/s"
+)
+FOUND = Sentence("channel_found", "{joint:joint}: {finding}.")
+FOUND_BETWEEN = Sentence("channel_found_between", "{joint:joint}: {finding}, now largest between {low_rad:.1f} and {high_rad:.1f} rad.")
 
 
 class ChannelRise(NamedTuple):
@@ -38,16 +47,16 @@ class ChannelRise(NamedTuple):
 
     rise: Array  # [log] of friction at that speed or place over that at v*; −∞ where nothing was found
     std: Array
-    kind: Array  # index into `KINDS`
+    at: Array  # index into `SPEEDS_RAD_S`
     ratio: Array  # of the residual's RMS to that of the baseline; 1 where it did not change
 
 
-class JointBeside(NamedTuple):
+class JointChannelRise(NamedTuple):
     """What the channels found of one joint."""
 
     rise: float  # [log] −∞ where nothing was found, or where F(v*) itself rose by more
     std: float
-    kind: str
+    speed_rad_s: float | None  # None: at one place of the joint
     ratio: float
 
     @property
@@ -63,70 +72,67 @@ class JointBeside(NamedTuple):
         return probability
 
     @property
-    def finding(self) -> str:
+    def finding(self) -> Reason:
         """What the channel found, as a clause."""
-        percent = f"{np.expm1(self.rise):+z.0%} ± {np.exp(self.rise) * self.std:.0%}"
-        if self.kind == AT_PLACE:
-            return (
-                f"torque that the fit does not explain is {self.ratio:.1f} times that of before, {percent} of friction: wear at one place"
-            )
-        return f"friction at {self.kind} rose by {percent} against friction at {REFERENCE_RAD_S:g} rad/s"
+        figures = {"change": np.expm1(self.rise), "std": np.exp(self.rise) * self.std}
+        if self.speed_rad_s is None:
+            return AT_ONE_PLACE(ratio=self.ratio, **figures)
+        return AT_SPEED(speed_rad_s=self.speed_rad_s, reference_rad_s=REFERENCE_RAD_S, **figures)
 
-    def text(self, j: int, of_reference: Callable[[], str], peak_rad: Array | None = None) -> str:
+    def text(self, j: int, of_reference: Callable[[], Reason], peak_rad: Array | None = None) -> Reason:
         """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*).
 
         peak_rad : (J,) where the residual of the last replay is largest; None where nobody knows.
         """
         if not self.found:
             return of_reference()
-        place = ""
-        if self.kind == AT_PLACE and peak_rad is not None and np.isfinite(peak_rad[j]):
-            place = f", now largest between {peak_rad[j] - PLACE_RAD / 2:.1f} and {peak_rad[j] + PLACE_RAD / 2:.1f} rad"
-        return f"{joint_text(j + 1)}: {self.finding}{place}. {of_reference()}"
+        if self.speed_rad_s is None and peak_rad is not None and np.isfinite(peak_rad[j]):
+            low, high = peak_rad[j] - PLACE_RAD / 2, peak_rad[j] + PLACE_RAD / 2
+            return together(FOUND_BETWEEN(joint=j + 1, finding=self.finding, low_rad=low, high_rad=high), of_reference())
+        return together(FOUND(joint=j + 1, finding=self.finding), of_reference())
 
 
-def rise_beside(state: ChannelState | None) -> ChannelRise | None:
+def channel_rise(state: ChannelState | None) -> ChannelRise | None:
     """The rise of each joint by the channels' state; None without one."""
     if state is None:
         return None
     N = state.found.shape[1]
     if not state.found.any():  # as on nearly every day
-        return ChannelRise(rise=np.full(N, NOTHING), std=np.zeros(N), kind=np.zeros(N, dtype=int), ratio=np.ones(N))
+        return ChannelRise(rise=np.full(N, NOTHING), std=np.zeros(N), at=np.zeros(N, dtype=int), ratio=np.ones(N))
     rises = np.stack([_rises(state, state.shift), _rises(state, state.shift - np.copysign(state.shift_std, state.shift))])
     found = np.stack(
         [_found(state, CONTRAST) | _found(state, SLOW), _found(state, CONTRAST) | _found(state, FAST), _found(state, RESIDUAL)]
     )
     rise = np.where(found, rises[0], NOTHING)
-    kind = np.argmax(rise, axis=0)
-    at = kind[None, :]
-    largest, lower = (np.take_along_axis(each, at, axis=0)[0] for each in (rise, rises[1]))
+    at = np.argmax(rise, axis=0)
+    largest, lower = (np.take_along_axis(each, at[None, :], axis=0)[0] for each in (rise, rises[1]))
     known = np.isfinite(largest) & (largest > 0)
     return ChannelRise(
         rise=np.where(known, largest, NOTHING),
         std=np.where(known, np.maximum(largest - lower, LEAST_STD), 0.0),
-        kind=kind,
+        at=at,
         ratio=np.exp(np.where(_found(state, RESIDUAL), state.shift[RESIDUAL], 0.0)),
     )
 
 
-def tiers_beside(beside: ChannelRise | None, excess: Array, settings: HealthSettings) -> np.ndarray:
+def channel_tiers(channels: ChannelRise | None, excess: Array, settings: HealthSettings) -> np.ndarray:
     """(N, 3) whether a channel shows the rise of each tier. excess : (N,) of F(v*) [log]; a fall of it counts against the rise."""
-    if beside is None:
+    if channels is None:
         return np.zeros((len(excess), len(settings.rises)), dtype=bool)
-    known = np.isfinite(beside.rise)
-    rise = np.where(known, beside.rise, 0.0) + np.minimum(excess, 0.0)
-    wear = scipy.special.ndtr((rise - np.log1p(settings.wear_rise)) / np.where(known, beside.std, 1.0)) >= settings.wear_sure
+    known = np.isfinite(channels.rise)
+    rise = np.where(known, channels.rise, 0.0) + np.minimum(excess, 0.0)
+    wear = scipy.special.ndtr((rise - np.log1p(settings.wear_rise)) / np.where(known, channels.std, 1.0)) >= settings.wear_sure
     return np.stack([known & (rise >= np.log1p(settings.advisory_rise)), known & wear, np.zeros_like(known)], axis=1)
 
 
-def joint_beside(beside: ChannelRise | None, excess: Array, j: int) -> JointBeside:
+def joint_channel_rise(channels: ChannelRise | None, excess: Array, j: int) -> JointChannelRise:
     """What the channels found of joint j (from 0), with the fall of F(v*) taken from it."""
-    if beside is None or not np.isfinite(beside.rise[j]):
-        return JointBeside(NOTHING, 0.0, AT_LOW, 1.0)
-    rise = float(beside.rise[j] + min(excess[j], 0.0))
+    if channels is None or not np.isfinite(channels.rise[j]):
+        return JointChannelRise(NOTHING, 0.0, None, 1.0)
+    rise = float(channels.rise[j] + min(excess[j], 0.0))
     if rise <= excess[j]:
-        return JointBeside(NOTHING, 0.0, AT_LOW, 1.0)
-    return JointBeside(rise, float(beside.std[j]), KINDS[int(beside.kind[j])], float(beside.ratio[j]))
+        return JointChannelRise(NOTHING, 0.0, None, 1.0)
+    return JointChannelRise(rise, float(channels.std[j]), SPEEDS_RAD_S[int(channels.at[j])], float(channels.ratio[j]))
 
 
 def _found(state: ChannelState, channel: int) -> np.ndarray:
@@ -186,7 +192,7 @@ class WearAfterReplay:
     interval_days: Array  # usual time between replays [d]
     changed: np.ndarray  # whether a change was found since the joint was new; True in beliefs of releases that did not remember it
     risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's work is not observed
-    beside: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
+    channels: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
     # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
     fallen: Array | None = None  # logarithm of that lowest friction over that at the beginning, ≤ 0, running-in left out
     fallen_std: Array | None = None
@@ -221,7 +227,7 @@ class Evidence(NamedTuple):
     together: np.ndarray  # (A,) whether a common rise or fall may be raised
     risen: Array  # (N,) friction above the lowest held, what the joint changed together with the others included, logarithm
     fall: Array  # (N,) friction over that at the beginning, logarithm, without running-in and without what joints changed together
-    beside: ChannelRise | None = None  # what the channels beside F(v*) found
+    channels: ChannelRise | None = None  # what the channels beside F(v*) found
 
 
 def nothing_counted(joints: int, arms: int) -> Counts:
@@ -267,7 +273,7 @@ def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAft
         interval_days=state.interval_days,
         changed=state.chance.since < state.replays,
         risen=None if state.sources is None else state.sources.risen > 0,
-        beside=rise_beside(state.channels),
+        channels=channel_rise(state.channels),
         fallen=reference.fallen,
         fallen_std=np.sqrt(reference.fallen_var),
         shared=reference.shared,
@@ -311,7 +317,7 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
     agree[:, 1] = significant & (above[:, 1] >= settings.wear_sure)
     agree[:, 2] = significant & (above[:, 2] >= settings.limit_sure)
     agree[:, FALLING] = below >= settings.wear_sure
-    agree[:, :FALLING] |= tiers_beside(after.beside, excess, settings)
+    agree[:, :FALLING] |= channel_tiers(after.channels, excess, settings)
 
     counts = _counted(before, after, agree, (common > 0) | (fallen < 0))
     enough = (counts.replays >= settings.min_replays) & (counts.days >= settings.min_days)
@@ -326,7 +332,7 @@ def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, 
         raises=np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1),
         falls=enough[:, FALLING],
         together=(counts.arm_replays >= settings.min_replays) & (counts.arm_days >= settings.min_days),
-        beside=after.beside,
+        channels=after.channels,
         risen=risen,
         fall=fall,
     )

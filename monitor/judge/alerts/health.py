@@ -14,6 +14,7 @@ from annotated_types import Interval
 from monitor.errors import BadConfiguration
 from monitor.judge.bounds import check_bounds
 from monitor.judge.document import plain, typed
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 State = Literal["NORMAL", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED", "FAILURE"]
@@ -75,6 +76,7 @@ class HealthSettings:
 
 TIERS = ("advisory", "wear", "limit")  # how grave an alert is, in ascending order
 SEVERITY = {"advisory": "low", "wear": "medium", "limit": "high"}
+NOTHING_KNOWN = Sentence("nothing_known", "nothing is known yet")()
 
 
 class Confirmations(NamedTuple):
@@ -104,7 +106,7 @@ class JointHealth:
 
     joint: int  # 1…J
     state: str = NORMAL
-    why: str = "nothing is known yet"
+    why: Reason = NOTHING_KNOWN
     since_unix_s: float = 0.0
     rising: tuple[Confirmations, ...] = (NO_CONFIRMATIONS,) * len(TIERS)  # of risen friction, one a tier
     falling: Confirmations = NO_CONFIRMATIONS  # of fallen friction
@@ -119,8 +121,9 @@ class Gravest(NamedTuple):
     tier: str
     change: float
     probability: float
-    text: str
+    text: Reason
     attribution: Attribution | None = None  # of the change
+    lowest_at_unix_s: float | None = None
 
 
 class Acknowledgement(NamedTuple):
@@ -146,8 +149,8 @@ class Alert:
     cleared_at_unix_s: float | None = None
     change: float  # of friction torque, as a fraction
     probability: float  # that the change exceeds the tier's rise
-    text: str
-    action: str
+    text: Reason
+    action: Reason
     severity: str = "low"
     attribution: Attribution | None = None
     acknowledged_at_unix_s: float | None = None
@@ -156,9 +159,12 @@ class Alert:
     shelved_until_unix_s: float | None = None
     shelved_by: str | None = None
     shelved_why: str | None = None
-    gravest: Gravest | None = None  # None in alerts of releases without it: then what the alert says is all that is known
+    lowest_at_unix_s: float | None = None  # when the friction was lowest that a rise is counted from; None: the beginning, or no rise
+    from_production: bool = False  # that the arm's ordinary work shows it, and no replay has confirmed it yet
+    over_since_unix_s: float | None = None  # of a condition of the service: since when it is over, while nobody has acknowledged it
+    gravest: Gravest | None = None  # None: what the alert says now is all that is known
     acknowledgements: tuple[Acknowledgement, ...] = ()  # all of them, the first one first; `acknowledged_*` is the first that is in force
-    cleared_why: str | None = None
+    cleared_why: Reason | None = None
     serviced_at_unix_s: float | None = None  # of the last work on the joint that was declared while the alert was active
     serviced_kind: str | None = None
     serviced_by: str | None = None
@@ -177,10 +183,10 @@ class Alert:
 
     @property
     def gravest_so_far(self) -> Gravest:
-        """The gravest moment; of an alert that a release without it made, what it says now."""
+        """The gravest moment; of an alert that has none, what it says now."""
         if self.gravest is not None:
             return self.gravest
-        return Gravest(self.updated_at_unix_s, self.tier, self.change, self.probability, self.text, self.attribution)
+        return Gravest(self.updated_at_unix_s, self.tier, self.change, self.probability, self.text, self.attribution, self.lowest_at_unix_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +197,7 @@ class Health:
     """
 
     state: str = NORMAL
-    why: str = "nothing is known yet"
+    why: Reason = NOTHING_KNOWN
     since_unix_s: float = 0.0
     joints: tuple[JointHealth, ...]
     alerts: tuple[Alert, ...] = ()

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import AlertCondition, ConditionStatus, ServiceSituation
 from monitor.judge.alerts.conditions import FALLING, RISES, STOPPED
@@ -26,11 +24,12 @@ from monitor.judge.alerts.health import (
 )
 from monitor.judge.alerts.states import arm_of, joint_of
 from monitor.judge.drift.maintenance import NEW_JOINT, NEW_REFERENCE, STILL_WORN, Maintenance
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 
-ACKNOWLEDGED_AND_OVER = "its condition is gone, and it was acknowledged"
-OVER = "This is over since"  # in the text of an alert of the service's own that nobody has acknowledged
+ACKNOWLEDGED_AND_OVER = Sentence("acknowledged_and_over", "its condition is gone, and it was acknowledged")()
+OVER = Sentence("over", "This is over since {since_unix_s:time}; it clears once somebody acknowledges it.")
+WORKED_ON = Sentence("worked_on", "Work since it was raised, which has not ended it: {kind:word} on {at_unix_s:day} by {by}.")
 
 
 def next_transition(
@@ -60,14 +59,14 @@ def next_transition(
     if highest == now and abs(status.change - alert.change) < settings.update_step and not status.restated:
         return None
     published = _published(condition, highest, status, at_unix_s)
-    published["text"] += _production_so_far(alert)
+    published["text"] = together(published["text"], _work_so_far(alert))
     updated = with_gravest(replace(alert, **published), alert.gravest_so_far)
     if highest > now:  # somebody shall acknowledge the graver alert again
         updated = replace(updated, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
     return Transition("updated", updated)
 
 
-def clear(alert: Alert, status: ConditionStatus, at_unix_s: float, why: str) -> Alert:
+def clear(alert: Alert, status: ConditionStatus, at_unix_s: float, why: Reason) -> Alert:
     """The alert, cleared by a replay: it says what that replay found, and its gravest moment stays."""
     return replace(
         alert,
@@ -77,6 +76,8 @@ def clear(alert: Alert, status: ConditionStatus, at_unix_s: float, why: str) -> 
         change=status.change,
         text=status.text(),
         attribution=status.attribution,
+        lowest_at_unix_s=status.lowest_at_unix_s,
+        from_production=False,
         gravest=alert.gravest_so_far,
         awaiting_proof=False,
     )
@@ -101,7 +102,7 @@ def acknowledge(health: Health, joint: int | None, condition: str, *, by: str, w
     Raises BadInput where there is no such active alert, or `by` is blank.
     """
     alert = _active(health, joint, condition, by)
-    everyone = (*_acknowledgements(alert), Acknowledgement(at_unix_s, by, why))
+    everyone = (*alert.acknowledgements, Acknowledgement(at_unix_s, by, why))
     if alert.acknowledged_at_unix_s is not None:
         return _with(health, alert, replace(alert, acknowledgements=everyone))
     first: dict[str, Any] = {"acknowledged_at_unix_s": at_unix_s, "acknowledged_by": by, "acknowledged_why": why}
@@ -118,16 +119,9 @@ def unacknowledge(health: Health, joint: int | None, condition: str, *, by: str,
     if alert.acknowledged_at_unix_s is None:
         raise BadInput(f"{place_of(joint)}/{condition} is not acknowledged: there is nothing to take back")
     undone: dict[str, Any] = {"undone_at_unix_s": at_unix_s, "undone_by": by, "undone_why": why}
-    everyone = tuple(one if one.undone_at_unix_s is not None else one._replace(**undone) for one in _acknowledgements(alert))
+    everyone = tuple(one if one.undone_at_unix_s is not None else one._replace(**undone) for one in alert.acknowledgements)
     nobody: dict[str, Any] = {"acknowledged_at_unix_s": None, "acknowledged_by": None, "acknowledged_why": None}
     return _with(health, alert, replace(alert, acknowledgements=everyone, **nobody))
-
-
-def _acknowledgements(alert: Alert) -> tuple[Acknowledgement, ...]:
-    """Everyone's; an alert of a release without this list has the one that its fields name."""
-    if alert.acknowledgements or alert.acknowledged_at_unix_s is None:
-        return alert.acknowledgements
-    return (Acknowledgement(alert.acknowledged_at_unix_s, alert.acknowledged_by or "", alert.acknowledged_why or ""),)
 
 
 def shelve(health: Health, joint: int | None, condition: str, *, by: str, why: str, until_unix_s: float, at_unix_s: float) -> Health:
@@ -149,11 +143,11 @@ def unshelve(health: Health, joint: int | None, condition: str, *, by: str, at_u
     return _with(health, alert, replace(alert, shelved_until_unix_s=None, shelved_by=None, shelved_why=None))
 
 
-def service_alert(condition: AlertCondition, text: str, at_unix_s: float) -> Alert:
+def service_alert(condition: AlertCondition, text: Reason, at_unix_s: float) -> Alert:
     """An alert of the arm that the service raises about itself."""
     return Alert(
         joint=None, condition=condition.name, tier="advisory", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s, change=0.0,
-        probability=1.0, text=text, action=condition.tiers["advisory"].advice,
+        probability=1.0, text=text, action=condition.action("advisory"),
     )  # fmt: skip
 
 
@@ -171,28 +165,27 @@ def service_transition(alert: Alert | None, condition: AlertCondition, situation
     if text is not None:
         # its text may change with every window; the log of transitions shall not: it is updated when it has lasted twice as long
         lasted_s, since_update_s = at - alert.raised_at_unix_s, at - alert.updated_at_unix_s
-        over = OVER in alert.text
+        over = alert.over_since_unix_s is not None
         if text == alert.text or not (over or (since_update_s >= DAY_S and 2.0 * since_update_s >= lasted_s)):
             return None
-        return Transition("updated", replace(alert, text=text, updated_at_unix_s=at))
+        return Transition("updated", replace(alert, text=text, updated_at_unix_s=at, over_since_unix_s=None))
     allowed, open_ = situation.allowed, alert.acknowledged_at_unix_s is None
     if condition.name == STOPPED and open_ and allowed is not None and allowed.at_unix_s >= alert.raised_at_unix_s:
         when, by, why = allowed
         alert = replace(alert, acknowledged_at_unix_s=when, acknowledged_by=by, acknowledged_why=why)
     if alert.acknowledged_at_unix_s is not None:
         return Transition("cleared", replace(alert, cleared_at_unix_s=at, updated_at_unix_s=at, cleared_why=ACKNOWLEDGED_AND_OVER))
-    if OVER in alert.text:
+    if alert.over_since_unix_s is not None:
         return None
-    over_text = f"{alert.text} {OVER} {np.datetime64(int(at), 's')}Z; it clears once somebody acknowledges it."
-    return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at))
+    over_text = together(alert.text, OVER(since_unix_s=at))
+    return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at, over_since_unix_s=at))
 
 
-def _production_so_far(alert: Alert) -> str:
-    """Work that did not end the alert, as a sentence; empty where there was none."""
+def _work_so_far(alert: Alert) -> Reason | None:
+    """Work that did not end the alert; None where there was none."""
     if alert.serviced_kind is None or alert.serviced_at_unix_s is None:
-        return ""
-    day = np.datetime64(int(alert.serviced_at_unix_s), "s").astype("datetime64[D]")
-    return f" Work since it was raised, which has not ended it: {alert.serviced_kind} on {day} by {alert.serviced_by}."
+        return None
+    return WORKED_ON(kind=alert.serviced_kind, at_unix_s=alert.serviced_at_unix_s, by=alert.serviced_by)
 
 
 def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at_unix_s: float) -> dict[str, Any]:
@@ -204,9 +197,11 @@ def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at
         "change": status.change,
         "probability": float(status.probabilities[tier]),
         "text": status.text(),
-        "action": condition.tiers[name].advice,
+        "action": condition.action(name),
         "severity": SEVERITY[name],
         "attribution": status.attribution,
+        "lowest_at_unix_s": status.lowest_at_unix_s,
+        "from_production": status.from_production,
     }
 
 
@@ -228,8 +223,10 @@ def _with(health: Health, alert: Alert, changed: Alert) -> Health:
 # --- What becomes of a joint's alerts when work on it is declared ----------------------------------------
 
 OF_FRICTION = (*RISES, FALLING)
-NEXT_STEP = "Wait for the next replays, or ask for one: they show whether the work helped."
-NOT_HELPED = "Look at this joint again: friction is where it was before the work."
+NEXT_STEP = Sentence("await_proof", "Wait for the next replays, or ask for one: they show whether the work helped.")()
+NOT_HELPED = Sentence("not_helped", "Look at this joint again: friction is where it was before the work.")()
+BEFORE_IT = Sentence("before_work", "Before it: {text}")
+SERVICED = Sentence("serviced", "serviced: {work}")
 
 
 class Serviced(NamedTuple):
@@ -270,23 +267,23 @@ def begin(alerts: Mapping[tuple[int | None, str], Alert], act: Maintenance, at_u
         if act.outcome == NEW_JOINT or alert.condition == FALLING:
             transitions.append(Transition("cleared", _cleared(marked, act, at_unix_s)))
         elif alert.condition in RISES:
-            waiting = replace(marked, awaiting_proof=True, text=f"{act.text} Before it: {alert.text}", action=NEXT_STEP)
+            waiting = replace(marked, awaiting_proof=True, text=together(act.reason, BEFORE_IT(text=alert.text)), action=NEXT_STEP)
             transitions.append(Transition("serviced", waiting))
     return transitions
 
 
-def settle(alert: Alert, act: Maintenance, status: ConditionStatus, at_unix_s: float, advice: str) -> Transition | None:
+def settle(alert: Alert, act: Maintenance, status: ConditionStatus, at_unix_s: float, advice: Reason) -> Transition | None:
     """What becomes of an active alert of friction when the replays have shown what the work did; None where the work says nothing of it.
 
     status : of the alert's condition after this replay. advice : what the alert asks for where the joint is still worn.
     """
     if act.outcome == NEW_REFERENCE or status.hold_tier is None:
-        cleared = clear(alert, status, at_unix_s, "")
+        cleared = clear(alert, status, at_unix_s, SERVICED(work=act.work))
         return Transition("cleared", _cleared(cleared, act, at_unix_s))
     if not alert.awaiting_proof:
         return None
-    action = f"{NOT_HELPED} {advice}" if act.outcome == STILL_WORN else advice
-    text = f"{act.text} {status.text()}"
+    action = together(NOT_HELPED, advice) if act.outcome == STILL_WORN else advice
+    text = together(act.reason, status.text())
     tier = max(status.hold_tier, TIERS.index(alert.tier)) if alert.acknowledged_at_unix_s is None else status.hold_tier
     after = replace(
         alert,
@@ -298,6 +295,8 @@ def settle(alert: Alert, act: Maintenance, status: ConditionStatus, at_unix_s: f
         text=text,
         action=action,
         attribution=status.attribution,
+        lowest_at_unix_s=status.lowest_at_unix_s,
+        from_production=False,
     )
     return Transition("updated", with_gravest(after, alert.gravest_so_far))
 
@@ -325,8 +324,8 @@ def _cleared(alert: Alert, act: Maintenance, at_unix_s: float) -> Alert:
     return replace(
         alert,
         cleared_at_unix_s=at_unix_s,
-        cleared_why=f"serviced: {joint_text(act.joint)} {act.verb} on {act.day} ({act.by})",
-        text=act.text,
+        cleared_why=SERVICED(work=act.work),
+        text=act.reason,
         awaiting_proof=False,
     )
 
@@ -341,5 +340,5 @@ def _restated(joint: JointHealth, maintenance: tuple[Maintenance, ...], alerts: 
         fresh = replace(
             JointHealth(joint=joint.joint), learnt_at_unix_s=joint.learnt_at_unix_s, state=joint.state, since_unix_s=joint.since_unix_s
         )
-    state, why = joint_of(joint.joint, own[-1].text, alerts)
+    state, why = joint_of(joint.joint, own[-1].reason, alerts)
     return replace(fresh, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else at_unix_s)

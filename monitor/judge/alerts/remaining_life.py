@@ -22,32 +22,41 @@ from monitor.judge.bounds import check_bounds
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, reason_at, together
 from monitor.recording import Array
 
-STRAIGHT_TEXT = "if friction goes on along a straight line"
-PATH_WORDS = {"slowing": "slows down", "straight": "goes on along a straight line", "accelerating": "goes on accelerating"}
+STRAIGHT_LINE = Sentence("straight_line", "if friction goes on along a straight line")()
+PATHS = {
+    "slowing": Sentence("path_slowing", "if friction slows down as it has so far (probability {percent:.0f} %)"),
+    "straight": Sentence("path_straight", "if friction goes on along a straight line as it has so far (probability {percent:.0f} %)"),
+    "accelerating": Sentence("path_accelerating", "if friction goes on accelerating as it has so far (probability {percent:.0f} %)"),
+}
+SOONER = Sentence(
+    "path_or_sooner", "{path}; a path that accelerates (probability {percent:.0f} %) reaches the limit in {sooner_days:.0f} d"
+)
+LIMIT_IN = Sentence("limit_in", "{joint:joint}: the limit in {days:.0f} d {assumption}.")
 
 
-def assumption_text(path: str, probability: float, accelerating: float, sooner_days: float | None) -> str:
+def assumption_of(path: str, probability: float, accelerating: float, sooner_days: float | None) -> Reason:
     """What the days assume: the likeliest path, and when friction reaches the limit on one that accelerates.
 
     accelerating, sooner_days : probability of such a path, and its median; None where it is too unlikely to be told.
     """
-    text = f"if friction {PATH_WORDS[path]} as it has so far (probability {100 * probability:.0f} %)"
-    if sooner_days is not None and path != "accelerating":
-        text += f"; a path that accelerates (probability {100 * accelerating:.0f} %) reaches the limit in {sooner_days:.0f} d"
-    return text
+    likeliest = PATHS[path](percent=100 * probability)
+    if sooner_days is None or path == "accelerating":
+        return likeliest
+    return SOONER(path=likeliest, percent=100 * accelerating, sooner_days=sooner_days)
 
 
-def assumptions_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """One sentence for each joint with a date, from its rows of `friction`; empty where there is none or none says what it assumes."""
+def assumptions(rows: Sequence[Mapping[str, Any]]) -> Reason | None:
+    """One sentence for each joint with a date, from its rows of `friction`; None where no joint has one or none says what it assumes."""
     sentences = []
     for row in rows:
         life = row.get("remaining_life") or {}
-        if life.get("p50_days") is not None and life.get("assumption"):
-            sentences.append(f"{joint_text(row['joint'])}: the limit in {life['p50_days']:.0f} d {life['assumption']}.")
-    return " ".join(sentences)
+        assumption = reason_at(life, "assumption")
+        if life.get("p50_days") is not None and assumption is not None:
+            sentences.append(LIMIT_IN(joint=row["joint"], days=life["p50_days"], assumption=assumption))
+    return together(*sentences) if sentences else None
 
 
 # --- The days until friction reaches its limit -----------------------------------------------------------
@@ -89,7 +98,7 @@ class RemainingLife(NamedTuple):
     accelerating_p50_days: float | None = None  # the median, should the path accelerate
     rate_per_day: float | None = None  # wear rate now, a fraction per usual day, averaged over the paths; None as the quantiles
     rate_std_per_day: float | None = None
-    assumption: str = ""  # what the days assume, in words; empty where no date is given
+    assumption: Reason | None = None  # what the days assume; None where no date is given
 
 
 def remaining_life(
@@ -115,7 +124,7 @@ def remaining_life(
     if paths is None:
         p10, p50, p90 = _quantiles(straight)
         service, rate = float(straight(np.array([settings.service_days]))[0]), (float(mean[1]), math.sqrt(cov[1, 1]))
-        return RemainingLife(trend, p10, p50, p90, "trend", service, "straight", None, None, None, *rate, STRAIGHT_TEXT)
+        return RemainingLife(trend, p10, p50, p90, "trend", service, "straight", None, None, None, *rate, STRAIGHT_LINE)
 
     def reached(days: Array, weight: Array) -> Array:
         probability: Array = paths.reached(days, settings.limit_rise, wear_walk_per_sqrt_day) @ weight
@@ -140,7 +149,7 @@ def remaining_life(
         accelerating_p50_days=sooner,
         rate_per_day=rate[0],
         rate_std_per_day=rate[1],
-        assumption=assumption_text(likeliest, probability[likeliest], probability["accelerating"], sooner),
+        assumption=assumption_of(likeliest, probability[likeliest], probability["accelerating"], sooner),
     )
 
 

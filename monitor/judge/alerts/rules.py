@@ -20,7 +20,7 @@ from monitor.judge.alerts.evidence import (
     Evidence,
     advisory_sigmas,
     counts_of,
-    joint_beside,
+    joint_channel_rise,
     raised_by_production,
     required_of_joints,
     wear_after_replay,
@@ -43,6 +43,7 @@ from monitor.judge.belief import Belief
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared import NO_UNDECLARED_CHANGE, UndeclaredChange
+from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 
 Statuses = list[tuple[int | None, AlertCondition, ConditionStatus]]  # joint (None: the arm), condition, status
@@ -154,7 +155,7 @@ def judge_production(
             assert condition.joint is not None
             status = condition.joint.status(situation, NO_CONFIRMATIONS)
             if status is not None:
-                told = status._replace(text=partial(_unconfirmed, status.text))
+                told = status._replace(text=partial(_unconfirmed, status.text), from_production=True)
                 transition = next_transition(known.get((joint, name)), joint, condition, told, at, settings)
                 if transition:
                     known[joint, name] = transition.alert
@@ -173,11 +174,11 @@ def judge_production(
     return ProductionJudgement(after, tuple(transitions), asks)
 
 
-UNCONFIRMED = "Ordinary work shows this; no replay has confirmed it yet."
+UNCONFIRMED = Sentence("unconfirmed", "Ordinary work shows this; no replay has confirmed it yet.")()
 
 
-def _unconfirmed(text: Callable[[], str]) -> str:
-    return f"{text()} {UNCONFIRMED}"
+def _unconfirmed(text: Callable[[], Reason]) -> Reason:
+    return together(text(), UNCONFIRMED)
 
 
 def _after_maintenance(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
@@ -208,7 +209,7 @@ def _next(
         if arm.belief.awaiting_proof[joint - 1]:
             return None  # the work is not judged yet
         if act is not None and alert is not None and alert.active:
-            transition = settle(alert, act, status, at, condition.tiers[alert.tier].advice)
+            transition = settle(alert, act, status, at, condition.action(alert.tier))
             if transition is not None:
                 return transition
     return next_transition(alert, joint, condition, status, at, arm.settings)
@@ -292,11 +293,11 @@ def _arm_statuses(arm: ArmSituation, confirmations: Mapping[str, Confirmations])
 # --- Why a joint does not alert --------------------------------------------------------------------------
 
 
-def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[str, ...]:
+def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[Reason, ...]:
     """What is missing between a joint (from 1) and its next tier of risen friction; empty where the highest tier is active."""
     waiting = [act for act in belief.maintenance if act.waiting and act.joint == joint]
     if waiting:
-        return (waiting[-1].text,)
+        return (waiting[-1].reason,)
     active = [alert for alert in health.active_alerts if alert.joint == joint and alert.condition in RISES]
     tier = TIERS.index(active[0].tier) + 1 if active else 0
     if tier >= len(TIERS):
@@ -310,39 +311,50 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
     )
 
 
-def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: HealthSettings) -> list[str]:
+NEXT_TIER = Sentence("next_tier", "next is the {tier:word} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {std:.1%}")
+RISEN_TOGETHER = Sentence("risen_together", "all joints have risen together by {change:+z.1%}: that is taken off")
+TOO_FEW_SIGMAS = Sentence("too_few_sigmas", "that is {sigmas:z.1f} of its standard deviations; {required:.1f} are asked for")
+BELOW = Sentence("below_tier", "it is below {rise:+z.0%}")
+NOT_SURE = Sentence("not_sure", "P(more than {rise:.0%}) is {probability:.2f}; {required:.2f} is asked for")
+TAUGHT_NOTHING = Sentence("taught_nothing", "the last replay taught nothing of this joint")()
+UNKNOWN_TEMPERATURE = Sentence("unknown_temperature", "the last replay does not tell this joint's temperature: it counts for no alert")()
+NEW_TEMPERATURES = Sentence("new_temperatures", "the last replay was outside the temperatures learnt so far")()
+TOO_FEW_REPLAYS = Sentence("too_few_replays", "{replays} replays on {days} days in a row agree; {min_replays} on {min_days} are asked for")
+
+
+def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: HealthSettings) -> list[Reason]:
     rise, change = settings.rises[tier], math.expm1(evidence.excess[j])
-    reasons = [f"next is the {TIERS[tier]} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {belief.wear_std[j]:.1%}"]
-    beside = joint_beside(evidence.beside, evidence.excess, j)
-    if beside.found:
-        reasons.append(beside.finding)
+    reasons = [NEXT_TIER(tier=TIERS[tier], rise=rise, change=change, std=belief.wear_std[j])]
+    channels = joint_channel_rise(evidence.channels, evidence.excess, j)
+    if channels.found:
+        reasons.append(channels.finding)
     if evidence.common[0] > 0:
-        reasons.append(f"all joints have risen together by {math.expm1(evidence.common[0]):+z.1%}: that is taken off")
+        reasons.append(RISEN_TOGETHER(change=math.expm1(evidence.common[0])))
     required = advisory_sigmas(belief.joints, settings)
     if tier == 0:
         required = float(required_of_joints(wear_after_replay(belief, belief.learnt_from), required)[j])
     if evidence.sigmas[j] < required:
-        reasons.append(f"that is {evidence.sigmas[j]:z.1f} of its standard deviations; {required:.1f} are asked for")
+        reasons.append(TOO_FEW_SIGMAS(sigmas=evidence.sigmas[j], required=required))
     if tier == 0 and change < rise:
-        reasons.append(f"it is below {rise:+z.0%}")
+        reasons.append(BELOW(rise=rise))
     if tier > 0 and evidence.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
-        reasons.append(f"P(more than {rise:.0%}) is {evidence.above[j, tier]:.2f}; {sure:.2f} is asked for")
+        reasons.append(NOT_SURE(rise=rise, probability=evidence.above[j, tier], required=sure))
     return reasons
 
 
-def _unusable_replay(belief: Belief, j: int) -> list[str]:
+def _unusable_replay(belief: Belief, j: int) -> list[Reason]:
     if not belief.learnt_from[j]:
-        return ["the last replay taught nothing of this joint"]
+        return [TAUGHT_NOTHING]
     if not math.isfinite(belief.temperature_c[j]):
-        return ["the last replay does not tell this joint's temperature: it counts for no alert"]
+        return [UNKNOWN_TEMPERATURE]
     if not belief.inside_range[j]:
-        return ["the last replay was outside the temperatures learnt so far"]
+        return [NEW_TEMPERATURES]
     return []
 
 
-def _too_few_replays(health: Health, j: int, tier: int, settings: HealthSettings) -> list[str]:
+def _too_few_replays(health: Health, j: int, tier: int, settings: HealthSettings) -> list[Reason]:
     counted = health.joints[j].rising[tier]
     if counted.replays >= settings.min_replays and counted.days >= settings.min_days:
         return []
-    required = f"{settings.min_replays} on {settings.min_days} are asked for"
-    return [f"{counted.replays} replays on {counted.days} days in a row agree; {required}"]
+    required = {"min_replays": settings.min_replays, "min_days": settings.min_days}
+    return [TOO_FEW_REPLAYS(replays=counted.replays, days=counted.days, **required)]

@@ -23,8 +23,9 @@ from monitor.judge.alerts.health import (
 )
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import LEVELS, OUTLIER, UNRESOLVED
+from monitor.judge.drift.maintenance import GREASED, MAINTENANCE, OVERHAULED, REPLACED, SERIALS
 from monitor.judge.drift.undetected_change import UnseenStep
-from monitor.reason import joint_name, joint_text
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, Array
 
 KNOWN_VAR = 1.0  # [log²] a level that any replay has taught is far better known, one of no replay far worse
@@ -67,36 +68,62 @@ def stale_joints(health: Health, now_unix_s: float, settings: HealthSettings) ->
     return tuple(joint.learnt_at_unix_s is None or joint.learnt_at_unix_s < limit for joint in health.joints)
 
 
-def stale_text(stale: Sequence[int], joints: int, since: str, then: str) -> str:
-    """The sentence that bus, page and report publish of stale joints.
+STALE = Sentence("stale_joints", "STALE: {who:name}: nothing was learnt {since}: the state is of then, not of {then}")
+ALL_STALE = Sentence("all_joints_stale", "STALE: all joints: nothing was learnt {since}: the state is of then, not of {then}")
+FOR_DAYS = Sentence("for_days", "for {days:.0f} days (health.stale_days = {limit:g})")
+NOT_YET = Sentence("not_yet", "yet (health.stale_days = {limit:g})")
+SINCE, IN_PERIOD = Sentence("since", "since {at_unix_s:time}"), Sentence("in_period", "in this period")()
+NOW, PERIODS_END = Sentence("now", "now")(), Sentence("periods_end", "the period's end")()
+
+
+def stale_reason(stale: Sequence[int], joints: int, since: Reason, then: Reason = NOW) -> Reason:
+    """What bus, page and report publish of stale joints.
 
     stale : numbers of the stale joints, from 1; joints : J; since : for how long; then : the time that the state does not stand for.
     """
-    who = "all joints" if len(stale) == joints else ", ".join(map(joint_name, stale))
-    return f"STALE: {who}: nothing was learnt {since}: the state is of then, not of {then}"
+    return ALL_STALE(since=since, then=then) if len(stale) == joints else STALE(who=stale, since=since, then=then)
 
 
 # --- Which steps of friction may be unseen yet -----------------------------------------------------------
 
+UNSEEN_STEP = Sentence("unseen_step", "a step of the last {days:.0f} days up to {rise:.0%} may be unseen")
+UNSEEN_STEPS = Sentence(
+    "unseen_steps", "The ± of wear does not hold for a fresh step: one of the last {days:.0f} days may be unseen up to {each}."
+)
+RISE_OF_JOINT = Sentence("rise_of_joint", "{joint:name} {rise:.0%}")
 
-def unseen_step_text(rise: float, days: float) -> str:
-    """Of one joint; rise : fraction."""
-    return f"a step of the last {days:.0f} days up to {rise:.0%} may be unseen"
 
-
-def unseen_steps_text(friction: Sequence[Mapping[str, Any]]) -> str:
-    """Of all joints, from their friction documents; empty where nothing is known, as in documents of older releases."""
+def unseen_steps(friction: Sequence[Mapping[str, Any]]) -> Reason | None:
+    """Of all joints, from their friction documents; None where nothing is known."""
     known = [row for row in friction if row.get("unseen_step") is not None]
     if not known:
-        return ""
-    each = ", ".join(f"{joint_name(row['joint'])} {row['unseen_step']:.0%}" for row in known)
-    days = max(row["unseen_step_days"] for row in known)
-    return f"The ± of wear does not hold for a fresh step: one of the last {days:.0f} days may be unseen up to {each}."
+        return None
+    each = [RISE_OF_JOINT(joint=row["joint"], rise=row["unseen_step"]) for row in known]
+    return UNSEEN_STEPS(days=max(row["unseen_step_days"] for row in known), each=each)
 
 
 # --- NE 107 states of the joints and of the arm after a replay -------------------------------------------
 
-Reason = tuple[State, str]
+StateAndWhy = tuple[State, Reason]
+SINCE_BEGINNING = Sentence("friction_since_beginning", "friction {change:+z.1%} ± {std:.1%} since the beginning")
+SINCE_WORK = {  # by the kind of the work from which friction counts
+    REPLACED: Sentence("friction_since_replaced", "friction {change:+z.1%} ± {std:.1%} since it was replaced on {at_unix_s:day}"),
+    OVERHAULED: Sentence("friction_since_overhauled", "friction {change:+z.1%} ± {std:.1%} since it was overhauled on {at_unix_s:day}"),
+    GREASED: Sentence("friction_since_greased", "friction {change:+z.1%} ± {std:.1%} since it was greased on {at_unix_s:day}"),
+    MAINTENANCE: Sentence("friction_since_maintained", "friction {change:+z.1%} ± {std:.1%} since it was worked on on {at_unix_s:day}"),
+    SERIALS: Sentence("friction_since_serial", "friction {change:+z.1%} ± {std:.1%} since it may have been replaced on {at_unix_s:day}"),
+}
+UNSEEN_BESIDE = Sentence("with_unseen_step", "{friction}; {unseen}")
+OF_JOINT = Sentence("of_joint", "{joint:joint}: {why}")
+OF_ALERT = Sentence("of_alert", "{condition:word}: {text}")
+ALERT_ACTIVE = Sentence("alert_active", "{condition:word} ({tier:word})")
+ALERT_ACTIVE_BY = Sentence("alert_active_by", "{condition:word} ({tier:word}): {change:+z.1%}")
+NO_ACTION = Sentence("no_action", "no action is needed; {notice}")
+AS_AT_BEGINNING = Sentence("as_at_beginning", "all joints are as they were at the beginning")()
+NOTHING_IS_LEARNT = Sentence("nothing_is_learnt", "nothing is learnt of wear: {why}")
+UNRESOLVED_JOINT = Sentence("unresolved", "the last replay does not resolve this joint's friction")()
+OFF = Sentence("off", "the last replay is {change:+z.1%} off: waiting for the next")
+OUTSIDE_RANGE = Sentence("outside_temperatures", "{temperature_c:.1f} °C is outside the temperatures learnt so far")
 
 
 def joint_state(
@@ -110,25 +137,26 @@ def joint_state(
     joint, belief = situation.health, situation.belief
     j = situation.j
     act = belief.counted_since(joint.joint)
-    since = "the beginning" if act is None else f"it {act.verb} on {act.day}"
-    normal = f"friction {math.expm1(wear[j]):+z.1%} ± {wear_std[j]:.1%} since {since}"
+    figures = {"change": math.expm1(wear[j]), "std": wear_std[j]}
+    normal = SINCE_BEGINNING(**figures) if act is None else SINCE_WORK[act.kind](**figures, at_unix_s=act.at_unix_s)
     if math.isfinite(unseen.days[j]):
-        normal += f"; {unseen_step_text(math.expm1(unseen.log_rise[j]), unseen.days[j])}"
-    waiting = [one.text for one in belief.maintenance if one.waiting and one.joint == joint.joint]
+        step = UNSEEN_STEP(rise=math.expm1(unseen.log_rise[j]), days=unseen.days[j])
+        normal = UNSEEN_BESIDE(friction=normal, unseen=step)
+    waiting = [one.reason for one in belief.maintenance if one.waiting and one.joint == joint.joint]
     state, why = joint_of(joint.joint, waiting[-1] if waiting else normal, alerts, _of_replay(situation) if of_replay else ())
     return replace(joint, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else belief.at_unix_s)
 
 
-def joint_of(joint: int, normal: str, alerts: tuple[Alert, ...], others: Sequence[Reason] = ()) -> tuple[State, str]:
+def joint_of(joint: int, normal: Reason, alerts: tuple[Alert, ...], others: Sequence[StateAndWhy] = ()) -> StateAndWhy:
     """State of a joint (from 1) and why, by its active alerts and `others`. normal : what is said where nothing speaks against it."""
     active = [alert for alert in alerts if alert.active and alert.joint == joint]
     return max([(NORMAL, normal), *others, *map(_of_alert, active)], key=_precedence)
 
 
-def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, str]:
+def arm_state(situation: ArmSituation, joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...]) -> tuple[str, Reason]:
     """The gravest state of the joints and of the arm's own alerts, and why."""
     undeclared = situation.undeclared
-    return arm_of(joints, alerts, () if undeclared.condition is None else ((CHECK_FUNCTION, undeclared.text),))
+    return arm_of(joints, alerts, () if undeclared.condition is None else ((CHECK_FUNCTION, undeclared.reason),))
 
 
 def with_service_alert(health: Health, alert: Alert, at_unix_s: float) -> Health:
@@ -146,41 +174,44 @@ def with_service_alert(health: Health, alert: Alert, at_unix_s: float) -> Health
     return replace(health, alerts=alerts, state=state, why=why, since_unix_s=since)
 
 
-def arm_of(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], others: Sequence[Reason] = ()) -> tuple[str, str]:
+def arm_of(joints: tuple[JointHealth, ...], alerts: tuple[Alert, ...], others: Sequence[StateAndWhy] = ()) -> tuple[str, Reason]:
     """State of the arm and why, by its joints, its own active alerts and `others`, which come first of equally grave ones."""
-    reasons = [*others, *((joint.state, f"{joint_text(joint.joint)}: {joint.why}") for joint in joints)]
-    reasons += [(_state_of(alert), f"{alert.condition}: {alert.text}") for alert in alerts if alert.active and alert.joint is None]
+    reasons: list[tuple[str, Reason]] = [*others, *((joint.state, OF_JOINT(joint=joint.joint, why=joint.why)) for joint in joints)]
+    reasons += [
+        (_state_of(alert), OF_ALERT(condition=alert.condition, text=alert.text)) for alert in alerts if alert.active and alert.joint is None
+    ]
     state, why = max(reasons, key=_precedence)
     if state != NORMAL:
         return state, why
     noticed = {alert.joint for alert in alerts if alert.active}
-    notices = [f"{joint_text(joint.joint)}: {joint.why}" for joint in joints if joint.joint in noticed]
-    return NORMAL, f"no action is needed; {notices[0]}" if notices else "all joints are as they were at the beginning"
+    notices = [OF_JOINT(joint=joint.joint, why=joint.why) for joint in joints if joint.joint in noticed]
+    return NORMAL, NO_ACTION(notice=notices[0]) if notices else AS_AT_BEGINNING
 
 
-def _of_replay(situation: JointSituation) -> list[Reason]:
+def _of_replay(situation: JointSituation) -> list[StateAndWhy]:
     """What one replay says before any alert is raised."""
     belief, j, undeclared = situation.belief, situation.j, situation.arm.undeclared
-    reasons: list[Reason] = []
+    reasons: list[StateAndWhy] = []
     if undeclared.withheld:
-        reasons.append((CHECK_FUNCTION, f"nothing is learnt of wear: {undeclared.text}"))
+        reasons.append((CHECK_FUNCTION, NOTHING_IS_LEARNT(why=undeclared.reason)))
     elif belief.event[j] == UNRESOLVED:
-        reasons.append((CHECK_FUNCTION, "the last replay does not resolve this joint's friction"))
+        reasons.append((CHECK_FUNCTION, UNRESOLVED_JOINT))
     if belief.event[j] == OUTLIER:
-        reasons.append((CHECK_FUNCTION, f"the last replay is {belief.filter_state.innovation[j]:+z.1%} off: waiting for the next"))
+        reasons.append((CHECK_FUNCTION, OFF(change=belief.filter_state.innovation[j])))
     if outside_learnt_range(situation):
-        reasons.append((OFF_SPEC, f"{belief.temperature_c[j]:.1f} °C is outside the temperatures learnt so far"))
+        reasons.append((OFF_SPEC, OUTSIDE_RANGE(temperature_c=belief.temperature_c[j])))
     return reasons
 
 
-def _of_alert(alert: Alert) -> Reason:
+def _of_alert(alert: Alert) -> StateAndWhy:
     """State and reason of a joint with an active alert."""
     if alert.awaiting_proof:
         return CHECK_FUNCTION, alert.text
     condition = CONDITIONS.get(alert.condition)
     of_friction = condition is not None and condition.probability_of is not None
-    change = f": {alert.change:+z.1%}" if of_friction else ""  # the change of other conditions is 0
-    return _state_of(alert), f"{alert.condition} ({alert.tier}){change}"
+    if of_friction:
+        return _state_of(alert), ALERT_ACTIVE_BY(condition=alert.condition, tier=alert.tier, change=alert.change)
+    return _state_of(alert), ALERT_ACTIVE(condition=alert.condition, tier=alert.tier)  # there is no change of friction to say
 
 
 def _state_of(alert: Alert) -> State:
@@ -189,6 +220,6 @@ def _state_of(alert: Alert) -> State:
     return condition.tiers[alert.tier].state if condition is not None and alert.tier in condition.tiers else CHECK_FUNCTION
 
 
-def _precedence(reason: tuple[str, str]) -> int:
+def _precedence(reason: tuple[str, Reason]) -> int:
     """The later in `STATES`, the graver; of equally grave reasons the first one is given."""
     return STATES.index(reason[0])

@@ -17,7 +17,7 @@ import numpy as np
 from monitor.judge.drift.filter_state import SLOPE, SLOPE_CHANGE, WEAR, FilterState
 from monitor.judge.drift.reference import forget
 from monitor.judge.drift.update.lowest_level import begin_here
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence, together
 from monitor.recording import Array
 
 REPLACED, OVERHAULED, GREASED = "replaced", "overhauled", "greased"  # a person names the joint and the kind
@@ -29,6 +29,23 @@ RECOVERED = 0.5  # of the wear before: a worn joint with more left is still worn
 MOVED_SIGMAS, LEAST_MOVED = 2.0, 0.01  # [σ], [log] a smaller change is none
 KNOWN_STD = 0.04  # [log] of wear, from which the work can be judged
 MOST_REPLAYS = 20  # after so many the work is taken as it was declared: the context has changed with it, and nothing can be compared
+
+WORK = {  # what was done; `by` says who and why
+    REPLACED: Sentence("joint_replaced", "{joint:joint} was replaced on {at_unix_s:day} ({by})"),
+    OVERHAULED: Sentence("joint_overhauled", "{joint:joint} was overhauled on {at_unix_s:day} ({by})"),
+    GREASED: Sentence("joint_greased", "{joint:joint} was greased on {at_unix_s:day} ({by})"),
+    MAINTENANCE: Sentence("joint_maintained", "{joint:joint} was worked on on {at_unix_s:day} ({by})"),
+    SERIALS: Sentence("joint_serial_changed", "{joint:joint} may have been replaced on {at_unix_s:day} ({by})"),
+}
+DONE = Sentence("work_done", "{work}.")
+PENDING = Sentence("work_pending", "The next replays show what it did to friction: {replays} so far.")
+OUTCOMES = {
+    NEW_JOINT: Sentence("new_joint", "It is a new joint: everything is learnt anew, and what was found before is of the old one."),
+    NEW_REFERENCE: Sentence("new_reference", "Friction counts from this level now."),
+    UNCHANGED: Sentence("unchanged", "That is no change: it counts from the same level as before."),
+    STILL_WORN: Sentence("still_worn", "The joint is as worn as before, or nearly: the work has not brought its friction back."),
+}
+MOVED = Sentence("friction_moved", "Friction moved by {change:+z.1%} ± {std:.1%} with it.")
 
 
 class Maintenance(NamedTuple):
@@ -55,27 +72,25 @@ class Maintenance(NamedTuple):
         return self.outcome is None
 
     @property
-    def verb(self) -> str:
-        """What was done, as a clause about the joint."""
-        return {MAINTENANCE: "was worked on", SERIALS: "may have been replaced"}.get(self.kind, f"was {self.kind}")
+    def work(self) -> Reason:
+        """What was done, when and by whom, as a clause."""
+        return WORK[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=self.by)
 
     @property
-    def day(self) -> str:
-        """UTC day of the work."""
-        return str(np.datetime64(int(self.at_unix_s), "s").astype("datetime64[D]"))
+    def meaning(self) -> Reason:
+        """What the replays have shown of it."""
+        if self.outcome is None:
+            return PENDING(replays=self.replays)
+        moved = None
+        if self.change is not None and self.outcome != NEW_JOINT:
+            moved = MOVED(change=self.change, std=self.change_std or 0.0)
+        return together(moved, OUTCOMES[self.outcome]())
 
     @property
-    def text(self) -> str:
+    def reason(self) -> Reason:
         """The work and its outcome in sentences."""
-        what = f"{joint_text(self.joint).capitalize()} {self.verb} on {self.day} ({self.by}{f': {self.why}' if self.why else ''})."
-        moved = "" if self.change is None else f" Friction moved by {self.change:+z.1%} ± {self.change_std or 0.0:.1%} with it."
-        return what + {
-            None: f" The next replays show what it did to friction: {self.replays} so far.",
-            NEW_JOINT: " It is a new joint: everything is learnt anew, and what was found before is of the old one.",
-            NEW_REFERENCE: f"{moved} Friction counts from this level now.",
-            UNCHANGED: f"{moved} That is no change: it counts from the same level as before.",
-            STILL_WORN: f"{moved} The joint is as worn as before, or nearly: the work has not brought its friction back.",
-        }.get(self.outcome, "")
+        by = f"{self.by}: {self.why}" if self.why else self.by
+        return together(DONE(work=WORK[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=by)), self.meaning)
 
 
 def may_have_moved(state: FilterState, awaiting_proof: np.ndarray) -> FilterState:

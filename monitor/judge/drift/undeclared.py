@@ -17,6 +17,7 @@ import scipy
 from monitor.identify.identification import Identification
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
+from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import Array
 
 MOUNTING, PAYLOAD, GAINS = "mounting_contradiction", "payload_contradiction", "gain_contradiction"  # what changed
@@ -30,12 +31,22 @@ LEAST_EIGENVALUE = 1e-9  # of the correlation matrix of the weights: it may be s
 FRICTION_MASS_KG = 0.3  # a mass at the flange that changes friction of shoulder and elbow as wear does: less is hardly found as a change
 MASS_PARAMETERS = 4  # m, mx, my, mz of the last link: what a mass at the flange changes
 
+HEAVIER = Sentence("heavier", "the arm carries about {kg:.1f} kg more than in the replays before, and nobody declared it")
+LIGHTER = Sentence("lighter", "the arm carries about {kg:.1f} kg less than in the replays before, and nobody declared it")
+OTHER_WEIGHTS = Sentence(
+    "other_weights",
+    "weights differ from those of the replays before by {sigmas:.0f} standard deviations ({parameter} most), and no mass at the flange "
+    "explains it: drive gains or the arm itself were changed",
+)
+DECLARED_MASS = Sentence("declared_mass", "{change}: payload_kg says {declared_kg:.1f} kg, and it weighs about {weighed_kg:.1f} kg")
+OWN_LEVEL = Sentence("own_level", "{change}; wear is judged against a level of its own since {since_unix_s:day}")
+
 
 class UndeclaredChange(NamedTuple):
     """What contradicts the declared context."""
 
     condition: str | None  # MOUNTING, PAYLOAD or GAINS; None: nothing
-    text: str
+    reason: Reason
     kg: float | None = None  # mass at the flange beyond that of the replays before; None where no mass explains it
     own_level: bool = False  # whether the replay belongs to a level of friction of its own, see `undeclared_level`
     begins: bool = False  # whether that level begins with this replay
@@ -47,7 +58,7 @@ class UndeclaredChange(NamedTuple):
         return self.condition is not None and not self.own_level
 
 
-NO_UNDECLARED_CHANGE = UndeclaredChange(None, "")
+NO_UNDECLARED_CHANGE = UndeclaredChange(None, Sentence("as_declared", "the arm is as it was declared")())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +118,7 @@ def rigid_fit(identification: Identification) -> RigidFit:
 def another_gravity(identification: Identification) -> UndeclaredChange:
     """What of a replay contradicts the declared mounting: identify compares it with gravity in the data."""
     texts = [warning.text for warning in identification.warnings if warning.code == MOUNTING]
-    return UndeclaredChange(MOUNTING, texts[0]) if texts else NO_UNDECLARED_CHANGE
+    return UndeclaredChange(MOUNTING, reason_of(texts[0])) if texts else NO_UNDECLARED_CHANGE
 
 
 def misfit(fit: RigidFit, estimate: MassEstimate | None) -> float:
@@ -240,18 +251,12 @@ def update_mass_estimate(estimate: MassEstimate | None, fit: RigidFit, left: Lef
 
 def _payload(kg: float) -> UndeclaredChange:
     """A mass at the flange, negative where it was taken off."""
-    more = "more" if kg > 0 else "less"
-    text = f"the arm carries about {abs(kg):.1f} kg {more} than in the replays before, and nobody declared it"
-    return UndeclaredChange(PAYLOAD, text, kg)
+    return UndeclaredChange(PAYLOAD, (HEAVIER if kg > 0 else LIGHTER)(kg=abs(kg)), kg)
 
 
 def _gains(sigmas: float, parameter: str) -> UndeclaredChange:
     """Weights that no mass explains; `parameter` differs most."""
-    return UndeclaredChange(
-        GAINS,
-        f"weights differ from those of the replays before by {sigmas:.0f} standard deviations ({parameter} most), "
-        "and no mass at the flange explains it: drive gains or the arm itself were changed",
-    )
+    return UndeclaredChange(GAINS, OTHER_WEIGHTS(sigmas=sigmas, parameter=parameter))
 
 
 # --- The level of friction of an arm whose weights contradict what is declared, in replay after replay by the same ---
@@ -264,7 +269,7 @@ class UndeclaredLevel(NamedTuple):
 
     estimate: MassEstimate
     condition: str  # by which they contradict it
-    text: str  # what the change is
+    reason: Reason  # what the change is
     kg: float | None  # mass at the flange beyond the declared one; None where no mass explains it
     since_unix_s: float | None  # when it had enough replays for a level of its own; None: not yet
 
@@ -301,12 +306,12 @@ def weigh(weights: Weights, fit: RigidFit, at_unix_s: float, *, sigma: float, ma
     before = weights.candidate
     agree = before is not None and before.condition == found.condition and _is_of(before, fit, sigma=sigma, mass_kg=mass_kg)
     estimate = update_mass_estimate(before.estimate if agree and before is not None else None, fit)
-    candidate = UndeclaredLevel(estimate, str(found.condition), found.text, found.kg, None)
+    candidate = UndeclaredLevel(estimate, str(found.condition), found.reason, found.kg, None)
     if estimate.replays < LEVEL_REPLAYS:
         return Weighed(weights._replace(candidate=candidate), found)
     mean = compare_weights(fit._replace(values=estimate.mean), weights.declared, sigma=sigma, mass_kg=mass_kg)
     if mean.condition == found.condition:  # the mean of so many replays says it better than the last one
-        candidate = candidate._replace(text=mean.text, kg=mean.kg)
+        candidate = candidate._replace(reason=mean.reason, kg=mean.kg)
     level = candidate._replace(since_unix_s=at_unix_s)
     return Weighed(weights._replace(level=level, candidate=None), _standing(level, declared_kg)._replace(begins=True))
 
@@ -325,9 +330,7 @@ def _is_of(level: UndeclaredLevel, fit: RigidFit, *, sigma: float, mass_kg: floa
 
 def _standing(level: UndeclaredLevel, declared_kg: float | None) -> UndeclaredChange:
     """The contradiction of a replay that belongs to a level of its own."""
-    text = level.text
+    reason = level.reason
     if level.kg is not None and declared_kg is not None:
-        text += f": payload_kg says {declared_kg:.1f} kg, and it weighs about {max(declared_kg + level.kg, 0.0):.1f} kg"
-    day = np.datetime64(int(level.since_unix_s or 0.0), "s").astype("datetime64[D]")
-    text += f"; wear is judged against a level of its own since {day}"
-    return UndeclaredChange(level.condition, text, level.kg, own_level=True)
+        reason = DECLARED_MASS(change=reason, declared_kg=declared_kg, weighed_kg=max(declared_kg + level.kg, 0.0))
+    return UndeclaredChange(level.condition, OWN_LEVEL(change=reason, since_unix_s=level.since_unix_s or 0.0), level.kg, own_level=True)

@@ -17,7 +17,7 @@ from monitor.judge.drift.maintenance import PERSONAL, REPLACED, Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints
 from monitor.publish.documents import ServicedRequest, UndoServicedRequest
 from monitor.publish.timestamps import outside, rfc3339
-from monitor.reason import joint_text
+from monitor.reason import joint_text, with_reasons
 from monitor.recording import DAY_S
 from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
@@ -121,7 +121,7 @@ def offline(configuration: Configuration, request: ServicedRequest | UndoService
 
 def maintenance_document(act: Maintenance) -> dict[str, Any]:
     """Work as it is published."""
-    published = outside({**plain(act._replace(last_day=0)), "text": act.text})
+    published = outside(with_reasons(plain(act._replace(last_day=0)), text=act.reason, meaning=act.meaning))
     assert isinstance(published, dict)
     return {name: value for name, value in published.items() if name not in ("last_day", "wear_before", "change_before")}
 
@@ -140,7 +140,7 @@ def friction_known(row: Mapping[str, Any], replays: float) -> dict[str, Any]:
     """
     if replays > 0:
         return dict(row)
-    nothing = {"trend_probability": 0.5, "verdict": "no_trend", "before_service_probability": 0.0, "assumption": ""}
+    nothing = {"trend_probability": 0.5, "verdict": "no_trend", "before_service_probability": 0.0}
     life = {name: nothing.get(name) for name in row["remaining_life"]}
     unknown = (
         "reference_torque_nm",

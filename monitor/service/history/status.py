@@ -19,6 +19,7 @@ from monitor.judge.torque.model import model_from_document
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque import torque_answer
+from monitor.reason import Sentence
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState, early_alerts
 from monitor.service.history.inspection import inspection_document
@@ -32,6 +33,7 @@ from monitor.store.history.ledger import Borrow, LedgerRow, Try
 from monitor.store.store import Store
 
 MAINTENANCE_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
+NOTHING_ASSESSED = Sentence("nothing_assessed", "no replay has been assessed yet")()
 LEDGER_ROWS = 10  # newest windows that `status` shows
 WINDOWS_SHOWN = 5  # newest past windows that `schedule` shows
 
@@ -152,11 +154,11 @@ def _window(row: LedgerRow, tries: Sequence[Try], borrow: Borrow | None) -> dict
     return document if borrow is None else document | {"borrowed": outside(borrowed_document(borrow))}
 
 
-def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[str]:
+def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[dict[str, Any]]:
     """Why a joint (1…J) has no alert, or none of a higher tier. Raises BadInput for a joint that the arm lacks."""
     if state is None:
-        return ["no replay has been assessed yet"]
+        return [NOTHING_ASSESSED.document()]
     health = health_from_document(state.health)
     if joint > len(health.joints):
         raise BadInput(f"--why {joint}: the arm has {len(health.joints)} joints")
-    return list(why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health))
+    return [each.document() for each in why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health)]

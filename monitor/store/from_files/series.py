@@ -164,14 +164,15 @@ def assess_series(series: Series) -> dict[str, Any]:
     if last is None:
         reasons = "; ".join(f"{row['file']}: {row['reason']}" for row in files)
         raise BadInput(f"assess: no recording could be judged: {reasons}")
+    health = series.settings.health
     return {
         "robot": last.robot,
         "recordings": files,
         "health": {"arm": last.health.state, "joints": [joint.state for joint in last.health.joints]},
-        "why": {"arm": last.health.why, "joints": [joint.why for joint in last.health.joints]},
+        "why": {"arm": last.health.why.document(), "joints": [joint.why.document() for joint in last.health.joints]},
         "alerts": list(alerts.values()),
         "not_alerting": [
-            {"joint": joint.joint, "reasons": list(why_not_alerting(last.health, last.belief, joint.joint, series.settings.health))}
+            {"joint": joint.joint, "reasons": [each.document() for each in why_not_alerting(last.health, last.belief, joint.joint, health)]}
             for joint in last.health.joints
         ],
         "temperature": plain(last.temperature),

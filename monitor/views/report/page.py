@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.alerts.remaining_life import assumptions_text
-from monitor.judge.alerts.states import stale_text, unseen_steps_text
+from monitor.judge.alerts.remaining_life import assumptions
+from monitor.judge.alerts.states import IN_PERIOD, PERIODS_END, SINCE, stale_reason, unseen_steps
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
 from monitor.views.language.catalogue import ENGLISH, Language
@@ -101,7 +101,7 @@ def _verdict(report: Mapping[str, Any], say: Language) -> str:
         nothing = say.say("No replay was assessed in this period: nothing can be said of this arm.")
         return '<div class="box">' + paragraph(nothing, "warn") + "</div>"
     active = by_gravity([alert for alert in report["alerts"] if alert["active"]])
-    text = " ".join(lead(active[0], report, say)) if active else _capital(say.retell(verdict["why"]["arm"]))
+    text = " ".join(lead(active[0], report, say)) if active else _capital(say.retell(verdict["why"]["arm"]["text"]))
     lines = [
         paragraph(Markup(f'{chip(verdict["health"]["arm"], say)} <b class="lead">{escaped(text)}</b>')),
         paragraph(
@@ -122,8 +122,8 @@ def _stale(report: Mapping[str, Any], say: Language) -> str:
     if not old:
         return ""
     known = [one["learnt_at"] for one in old if one["learnt_at"]]
-    since = f"since {min(known)[:16]}Z" if known else "in this period"
-    text = stale_text([one["joint"] for one in old], len(report["joints"]), since, "the period's end")
+    since = SINCE(at_unix_s=unix_s(min(known))) if known else IN_PERIOD
+    text = stale_reason([one["joint"] for one in old], len(report["joints"]), since, PERIODS_END).text
     advice = say.say("Find out below why, and have the arm replayed before relying on it.")
     return paragraph(f"{say.retell(text)}. {advice}", "warn")
 
@@ -156,7 +156,7 @@ def _joints(report: Mapping[str, Any], say: Language) -> str:
         Column("fc [N·m]"),
         Column("fv [N·m·s/rad]"),
     ]
-    told = [text for text in (assumptions_text(report["joints"]), unseen_steps_text(report["joints"])) if text]
+    told = [reason.text for reason in (assumptions(report["joints"]), unseen_steps(report["joints"])) if reason is not None]
     ripple = _ripple(report["joints"], say)
     return table(columns, rows) + "".join(paragraph(text, "dim small") for text in [*map(say.retell, told), *ripple])
 

@@ -1,7 +1,7 @@
 """What the commands `status`, `alerts`, `history` and `check` print about one arm."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, tzinfo
 from typing import Any
 
@@ -10,8 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from monitor.judge.alerts.remaining_life import assumptions_text
-from monitor.judge.alerts.states import unseen_steps_text
+from monitor.judge.alerts.remaining_life import assumptions
+from monitor.judge.alerts.states import unseen_steps
 from monitor.publish.timestamps import unix_s
 from monitor.reason import joint_name, joint_text
 from monitor.views.alert_sentence import JointPast, sentences
@@ -62,9 +62,9 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
     if document["friction"]:
         console.print(_friction_table(document["friction"], health["joints"] if health else [], of_then=bool(not_watched)))
-        for text in (assumptions_text(document["friction"]), unseen_steps_text(document["friction"])):
-            if text:
-                console.print(text, highlight=False)
+        for note in (assumptions(document["friction"]), unseen_steps(document["friction"])):
+            if note is not None:
+                console.print(note.text, highlight=False)
     for utc, alert in zip(_alerts(published), _alerts(document), strict=True):
         if alert.get("active"):
             rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]
@@ -236,12 +236,12 @@ def print_gateway(found: dict[str, Any] | None) -> None:
         console.print(f"gateway, {row['channel']}: {row['step']}: {outcome}: {escape(row['text'])}")
 
 
-def print_not_alerting(joint: int, reasons: Sequence[str]) -> None:
+def print_not_alerting(joint: int, reasons: Sequence[Mapping[str, Any]]) -> None:
     """Print the reasons why a joint (from 1) has no alert of a higher tier."""
     console = Console()
     console.print(f"{joint_text(joint)}: {'the highest tier stands' if not reasons else 'no further alert, for'}", highlight=False)
     for reason in reasons:
-        console.print(f"  {reason}", highlight=False, markup=False)
+        console.print(f"  {reason['text']}", highlight=False, markup=False)
 
 
 def print_history(rows: list[dict[str, Any]], left_out: int, zone: tzinfo = UTC) -> None:

@@ -17,7 +17,7 @@ from monitor.views.terminal.figures import number, standard_output, table_of, wh
 def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
     """Print the verdict of every recording, the alerts, the warnings; for joint `why` (from 1), why it has no further alert."""
     console = Console()
-    table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']}", title_justify="left")
+    table = Table(title=f"{document['robot']}: {document['health']['arm']}, {document['why']['arm']['text']}", title_justify="left")
     for title in ("recording", "made at", "verdict", *(f"J{j + 1} wear [%]" for j in range(len(document["health"]["joints"])))):
         table.add_column(title, justify="right" if "wear" in title else "left")
     by_time: dict[str, list[dict[str, Any]]] = {}
