@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.acquire.listen import LiveState
+from monitor.acquire.state import POWERED, STOPS
 
-POWERED = range(4, 8)  # robot modes of an arm under power: POWER_ON, IDLE, BACKDRIVE, RUNNING
-STOPS = {3: "protective_stop", 8: "violation", 9: "fault"}  # safety modes that the safety system enters by itself
 LONGEST_STEP_S = 2.0  # [s] between two rows that belong together; what happened in a longer pause is not known
 MOVING_RAD_S = 0.02  # an arm moves while a joint is faster
 

@@ -10,12 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from monitor.acquire import state as names
 from monitor.acquire.driver import Driver, OurEnd, SafetyStop
 from monitor.acquire.protocol import Event, Program
 from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState
+from monitor.acquire.state import RUNTIME_STOPPED, STANDSTILL_RAD_S, ArmState, program_name
 from monitor.acquire.watch import Watch
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.reason import Reason, Sentence, reason_from
@@ -24,7 +23,6 @@ PRINTED_TAIL = 300  # characters of what a dead process printed that go into the
 LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
 REST_S = 3.0  # an arm that still moves, or a program that still runs, so long after the end did not end
 LEAVING_S = 3.0  # somebody who wants this process to end does not wait longer for a controller that does not answer
-SAFETY_CAUSES = {3: "protective_stop", 5: "safeguard_stop", 6: "emergency_stop", 7: "emergency_stop"}  # by safety mode
 
 
 def end_program(watch: Watch, driver: Driver) -> OurEnd | None:
@@ -153,27 +151,19 @@ def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: 
             return found
 
 
-SAFETY_MODE_AFTER = Sentence("safety_mode_after", "the controller's safety mode is {mode} ({name:word}), bits {bits:#x}")
-ROBOT_MODE_AFTER = Sentence("robot_mode_after", "the robot mode is {mode} ({name:word})")
-
-
 def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
     """What one state says; None where there is none."""
     if state is None:
         return None
-    if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
-        name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        text = SAFETY_MODE_AFTER(mode=state.safety_mode, name=name, bits=state.safety_bits)
-        return ArmAfter(SafetyStop(SAFETY_CAUSES.get(state.safety_mode, "safety"), text), text, state)
-    if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        text = ROBOT_MODE_AFTER(mode=state.robot_mode, name=names.ROBOT_MODES.get(state.robot_mode, "unknown"))
-        return ArmAfter(SafetyStop("robot_mode", text), text, state)
+    if (why := state.not_safe) is not None:
+        return ArmAfter(SafetyStop(state.safety_cause, why), why, state)
+    if (why := state.not_running) is not None:
+        return ArmAfter(SafetyStop("robot_mode", why), why, state)
     if clean:
         return ArmAfter(None, None, state)
-    if state.runtime_state != names.RUNTIME_STOPPED:
-        name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return ArmAfter(None, A_PROGRAM_RUNS(name=name), state)
-    if not np.all(np.abs(state.qd) <= names.STANDSTILL_RAD_S):  # also where a speed is no number
+    if state.runtime_state != RUNTIME_STOPPED:
+        return ArmAfter(None, A_PROGRAM_RUNS(name=program_name(state.runtime_state)), state)
+    if not np.all(np.abs(state.qd) <= STANDSTILL_RAD_S):  # also where a speed is no number
         return ArmAfter(None, NOT_STILL(), state)
     return ArmAfter(None, None, state)
 

@@ -1,7 +1,7 @@
 """What a robot says of itself: who it is, and one snapshot of its state.
 
-The numbers of the modes are those of Universal Robots, because recordings and published documents carry them. The driver of another make
-translates its own modes into these numbers.
+This module is the one place that says what the numbers of the modes mean. They are those of Universal Robots, because recordings and
+published documents carry them; the driver of another make translates its own modes into these numbers.
 """
 
 import math
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from monitor.acquire.rows import COLUMN
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 ROBOT_MODE_RUNNING = 7
@@ -67,6 +68,22 @@ JOINT_MODES = {
     253: "running",
     255: "idle",
 }
+POWERED = range(4, 8)  # robot modes of an arm under power: power on, idle, backdrive, running
+STOPS = {3: "protective_stop", 8: "violation", 9: "fault"}  # safety modes that the safety system enters by itself
+EMERGENCY_MODES, PROTECTIVE_MODE, SAFEGUARD_MODE = {6, 7}, 3, 5  # safety modes
+EMERGENCY_BITS, PROTECTIVE_BIT, SAFEGUARD_BIT = 0b1110_0000, 0b100, 0b1_0000  # of the safety bits
+
+SAFETY_NOT_NORMAL = Sentence("safety_mode_not_normal", "safety mode is {mode} ({name:word}), bits {bits:#x}; expected 1 (normal), bits 0x1")
+NOT_RUNNING = Sentence("robot_mode_not_running", "robot mode is {mode} ({name:word}); expected 7 (running)")
+JOINT_NOT_RUNNING = Sentence(
+    "joint_not_running", "{joint:joint} is in mode {mode:g} ({name:word}); expected {running} (running, its brake released)"
+)
+TEACH_BUTTON_HELD = Sentence("teach_button_held", "somebody holds the freedrive button; expected nobody at the arm")
+
+
+def program_name(runtime_state: int) -> str:
+    """What the program is doing, in a word."""
+    return RUNTIME_STATES.get(runtime_state, "unknown")
 
 
 class JointLimits(NamedTuple):
@@ -124,6 +141,40 @@ class ArmState:
     status_bits: float = math.nan  # robot_status_bits, as a number
     joint_modes: tuple[float, ...] = ()  # (J,) numbers of JOINT_MODES; empty where none was read
     tcp_pose: tuple[float, ...] = ()  # (6,) position [m], rotation vector [rad] in the base's frame; empty where none was read
+
+    @property
+    def not_safe(self) -> Reason | None:
+        """What the safety system says where it is not in its normal mode, without any stop or fault."""
+        if self.safety_mode == SAFETY_MODE_NORMAL and self.safety_bits == SAFETY_BITS_NORMAL:
+            return None
+        return SAFETY_NOT_NORMAL(mode=self.safety_mode, name=SAFETY_MODES.get(self.safety_mode, "unknown"), bits=self.safety_bits)
+
+    @property
+    def safety_cause(self) -> str:
+        """The kind of stop, where `not_safe`."""
+        if self.safety_mode in EMERGENCY_MODES or self.safety_bits & EMERGENCY_BITS:
+            return "emergency_stop"
+        if self.safety_mode == PROTECTIVE_MODE or self.safety_bits & PROTECTIVE_BIT:
+            return "protective_stop"
+        if self.safety_mode == SAFEGUARD_MODE or self.safety_bits & SAFEGUARD_BIT:
+            return "safeguard_stop"
+        return "safety"
+
+    @property
+    def not_running(self) -> Reason | None:
+        """The robot mode where the robot is not powered on and running."""
+        if self.robot_mode == ROBOT_MODE_RUNNING:
+            return None
+        return NOT_RUNNING(mode=self.robot_mode, name=ROBOT_MODES.get(self.robot_mode, "unknown"))
+
+    @property
+    def joint_not_running(self) -> Reason | None:
+        """The first joint whose drive is off or whose brake is closed; a mode that is not reported (NaN) says nothing."""
+        for j, mode in enumerate(self.joint_modes):
+            if not (math.isnan(mode) or mode == JOINT_MODE_RUNNING):
+                name = JOINT_MODES.get(int(mode), "unknown") if math.isfinite(mode) else "unknown"
+                return JOINT_NOT_RUNNING(joint=j + 1, mode=mode, name=name, running=JOINT_MODE_RUNNING)
+        return None
 
     @property
     def teach_button_held(self) -> bool:

@@ -1,26 +1,13 @@
 """Conditions on the state that the controller reports of the arm."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.of_configuration import clear_line
-from monitor.acquire.state import (
-    FULL_SPEED,
-    JOINT_MODE_RUNNING,
-    JOINT_MODES,
-    ROBOT_MODE_RUNNING,
-    ROBOT_MODES,
-    RUNTIME_PLAYING,
-    RUNTIME_STATES,
-    RUNTIME_STOPPED,
-    SAFETY_BITS_NORMAL,
-    SAFETY_MODE_NORMAL,
-    SAFETY_MODES,
-    STANDSTILL_RAD_S,
-    ArmState,
-)
+from monitor.acquire.state import FULL_SPEED, RUNTIME_PLAYING, RUNTIME_STOPPED, STANDSTILL_RAD_S, TEACH_BUTTON_HELD, ArmState, program_name
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
@@ -41,30 +28,23 @@ def _state(inputs: ConditionInputs) -> ArmState:
     return inputs.state
 
 
-SAFETY_MODE_NOT_NORMAL = Sentence(
-    "safety_mode_not_normal", "safety mode is {mode} ({name:word}), bits {bits:#x}; expected 1 (normal), bits 0x1"
-)
 SAFETY_IS_NORMAL = Sentence("safety_mode_normal", "normal")
 
 
 def safety_mode(inputs: ConditionInputs) -> Reason:
     """The safety system is in its normal mode, without any stop or fault."""
-    state = _state(inputs)
-    if state.safety_mode != SAFETY_MODE_NORMAL or state.safety_bits != SAFETY_BITS_NORMAL:
-        name = SAFETY_MODES.get(state.safety_mode, "unknown")
-        raise MotionRefused(SAFETY_MODE_NOT_NORMAL(mode=state.safety_mode, name=name, bits=state.safety_bits))
+    if (why := _state(inputs).not_safe) is not None:
+        raise MotionRefused(why)
     return SAFETY_IS_NORMAL()
 
 
-ROBOT_MODE_NOT_RUNNING = Sentence("robot_mode_not_running", "robot mode is {mode} ({name:word}); expected 7 (running)")
 ROBOT_RUNS = Sentence("robot_mode_running", "running")
 
 
 def robot_mode(inputs: ConditionInputs) -> Reason:
     """The robot is powered on and running."""
-    mode = _state(inputs).robot_mode
-    if mode != ROBOT_MODE_RUNNING:
-        raise MotionRefused(ROBOT_MODE_NOT_RUNNING(mode=mode, name=ROBOT_MODES.get(mode, "unknown")))
+    if (why := _state(inputs).not_running) is not None:
+        raise MotionRefused(why)
     return ROBOT_RUNS()
 
 
@@ -83,12 +63,10 @@ def no_other_program(inputs: ConditionInputs) -> Reason:
     runtime = _state(inputs).runtime_state
     if inputs.settings.lent is not None:
         if runtime != RUNTIME_PLAYING:
-            name = RUNTIME_STATES.get(runtime, "unknown")
-            raise MotionRefused(PROGRAM_DOES_NOT_PLAY(name=name, runtime=runtime))
+            raise MotionRefused(PROGRAM_DOES_NOT_PLAY(name=program_name(runtime), runtime=runtime))
         return PROGRAM_LENDS()
     if runtime != RUNTIME_STOPPED:
-        name = RUNTIME_STATES.get(runtime, "unknown")
-        raise MotionRefused(ANOTHER_PROGRAM(name=name, runtime=runtime))
+        raise MotionRefused(ANOTHER_PROGRAM(name=program_name(runtime), runtime=runtime))
     return NO_PROGRAM()
 
 
@@ -145,9 +123,6 @@ def speed_scaling(inputs: ConditionInputs) -> Reason:
 
 
 JOINT_MODES_NOT_REPORTED = Sentence("joint_modes_not_reported", "not reported: a joint with a closed brake shows as a following error")
-JOINT_NOT_RUNNING = Sentence(
-    "joint_not_running", "{joint:joint} is in mode {mode:g} ({name:word}); expected {running} (running, its brake released)"
-)
 JOINTS_RUNNING = Sentence("joints_running", "every drive is on, every brake is released")
 
 
@@ -156,15 +131,13 @@ def joints_running(inputs: ConditionInputs) -> Reason:
     state = _state(inputs)
     if not state.joint_modes or all(math.isnan(mode) for mode in state.joint_modes):
         raise Unreported(JOINT_MODES_NOT_REPORTED())
-    for j, mode in enumerate(state.joint_modes):
-        if mode != JOINT_MODE_RUNNING:
-            name = JOINT_MODES.get(int(mode), "unknown") if math.isfinite(mode) else "unknown"
-            raise MotionRefused(JOINT_NOT_RUNNING(joint=j + 1, mode=mode, name=name, running=JOINT_MODE_RUNNING))
+    told = replace(state, joint_modes=tuple(math.inf if math.isnan(mode) else mode for mode in state.joint_modes))
+    if (why := told.joint_not_running) is not None:  # where some are reported, one that is not does not run
+        raise MotionRefused(why)
     return JOINTS_RUNNING()
 
 
 TEACH_BUTTON_NOT_REPORTED = Sentence("teach_button_not_reported", "not reported: somebody who holds the freedrive button is not noticed")
-TEACH_BUTTON_HELD = Sentence("teach_button_held", "somebody holds the freedrive button; expected nobody at the arm")
 TEACH_BUTTON_FREE = Sentence("teach_button_free", "nobody holds the freedrive button")
 
 

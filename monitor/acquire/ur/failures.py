@@ -5,15 +5,10 @@ from collections import deque
 
 import numpy as np
 
-from monitor.acquire import state as names
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import ArmState
+from monitor.acquire.state import RUNTIME_PLAYING, TEACH_BUTTON_HELD, ArmState, program_name
 from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import Array
-
-EMERGENCY_MODES = {6, 7}  # safety modes: system and robot emergency stop
-PROTECTIVE_MODE, SAFEGUARD_MODE = 3, 5
-EMERGENCY_BITS, PROTECTIVE_BIT, SAFEGUARD_BIT = 0b1110_0000, 0b100, 0b1_0000  # of the RTDE variable safety_status_bits
 
 
 class StreamFailure(Exception):
@@ -35,8 +30,6 @@ class Stopped(Exception):
         self.cause = cause
 
 
-SAFETY_MODE_LEFT = Sentence("safety_mode_left", "safety mode {mode} ({name:word}), bits {bits:#x}")
-ROBOT_MODE_LEFT = Sentence("robot_mode_left", "robot mode {mode} ({name:word})")
 PROGRAM_LEFT = Sentence("program_left", "the control program is {name:word} (runtime state {runtime_state})")
 POSITIONS_NOT_FINITE_NOW = Sentence("positions_not_finite_now", "the controller reports positions that are not finite")
 PAYLOAD_CHANGED = Sentence(
@@ -59,18 +52,14 @@ def state_failure(
     until the program has played at full speed once: until then only the slider counts. The most specific cause comes first where several
     hold.
     """
-    if state.safety_mode != names.SAFETY_MODE_NORMAL or state.safety_bits != names.SAFETY_BITS_NORMAL:
-        name = names.SAFETY_MODES.get(state.safety_mode, "unknown")
-        return StreamFailure(_safety_cause(state), SAFETY_MODE_LEFT(mode=state.safety_mode, name=name, bits=state.safety_bits))
-    if failure := teach_failure(state):  # before the robot mode, which an arm in freedrive leaves
-        return failure
-    if state.robot_mode != names.ROBOT_MODE_RUNNING:
-        return StreamFailure("robot_mode", ROBOT_MODE_LEFT(mode=state.robot_mode, name=names.ROBOT_MODES.get(state.robot_mode, "unknown")))
-    if failure := joints_failure(state):
-        return failure
-    if playing and state.runtime_state != names.RUNTIME_PLAYING:
-        name = names.RUNTIME_STATES.get(state.runtime_state, "unknown")
-        return StreamFailure("program_stopped", PROGRAM_LEFT(name=name, runtime_state=state.runtime_state))
+    if (why := state.not_safe) is not None:
+        return StreamFailure(state.safety_cause, why)
+    if state.teach_button_held:  # before the robot mode, which an arm in freedrive leaves
+        return StreamFailure("teach_button", TEACH_BUTTON_HELD())
+    if (why := state.not_running or state.joint_not_running) is not None:
+        return StreamFailure("robot_mode", why)
+    if playing and state.runtime_state != RUNTIME_PLAYING:
+        return StreamFailure("program_stopped", PROGRAM_LEFT(name=program_name(state.runtime_state), runtime_state=state.runtime_state))
     if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
         return StreamFailure("bad_data", POSITIONS_NOT_FINITE_NOW())
     if failure := speed_failure(state) if up_to_speed else slider_failure(state):
@@ -107,35 +96,6 @@ def speed_failure(state: ArmState) -> StreamFailure | None:
         PROGRAM_SLOW(share_percent=100.0 * state.speed),
         ours=not state.slider_full,  # with a full slider so begins every program, and ours has begun long ago
     )
-
-
-JOINT_LEFT = Sentence("joint_left", "{joint:joint} is in mode {mode:g}; expected {running} (running)")
-
-
-def joints_failure(state: ArmState) -> StreamFailure | None:
-    """The failure where a joint's drive is off or its brake is closed."""
-    for j, mode in enumerate(state.joint_modes):
-        if not (math.isnan(mode) or mode == names.JOINT_MODE_RUNNING):
-            return StreamFailure("robot_mode", JOINT_LEFT(joint=j + 1, mode=mode, running=names.JOINT_MODE_RUNNING))
-    return None
-
-
-TEACH_BUTTON_PRESSED = Sentence("teach_button_pressed", "somebody holds the freedrive button")
-
-
-def teach_failure(state: ArmState) -> StreamFailure | None:
-    """The failure where somebody holds the freedrive button: a person is at the arm."""
-    return StreamFailure("teach_button", TEACH_BUTTON_PRESSED()) if state.teach_button_held else None
-
-
-def _safety_cause(state: ArmState) -> str:
-    if state.safety_mode in EMERGENCY_MODES or state.safety_bits & EMERGENCY_BITS:
-        return "emergency_stop"
-    if state.safety_mode == PROTECTIVE_MODE or state.safety_bits & PROTECTIVE_BIT:
-        return "protective_stop"
-    if state.safety_mode == SAFEGUARD_MODE or state.safety_bits & SAFEGUARD_BIT:
-        return "safeguard_stop"
-    return "safety"
 
 
 RECENT_S = 0.5  # a failure so soon after late targets is taken for their consequence

@@ -15,7 +15,7 @@ from monitor.acquire.protocol import Event
 from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import check_state
 from monitor.acquire.safety.inputs import ConditionInputs
-from monitor.acquire.state import RUNTIME_PLAYING, RUNTIME_STATES, arm_state
+from monitor.acquire.state import RUNTIME_PLAYING, arm_state, program_name
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.node import NO_NUMBER, VARIABLES, Node
@@ -262,7 +262,7 @@ def wait_until_taken_back(arm: Arm, node: Node) -> None:
     while node.taken:
         state = arm_state(arm.next_row())
         if state.runtime_state != RUNTIME_PLAYING or arm.seen_at - begin_s > ANSWER_S:
-            name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+            name = program_name(state.runtime_state)
             why = state_failure(state, arm.settings, playing=False, up_to_speed=False)  # a safety stop pauses the program
             text = ARM_NOT_TAKEN_BACK(name=name)
             raise (

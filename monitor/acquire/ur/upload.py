@@ -19,12 +19,12 @@ from monitor.acquire.state import (
     RUNTIME_PAUSED,
     RUNTIME_PAUSING,
     RUNTIME_PLAYING,
-    RUNTIME_STATES,
     RUNTIME_STOPPED,
     RUNTIME_STOPPING,
     STANDSTILL_RAD_S,
     ArmState,
     arm_state,
+    program_name,
 )
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import StreamFailure, state_failure
@@ -107,7 +107,7 @@ class Upload:
         control = arm.control
         runtime = arm_state(arm.fresh_row()).runtime_state
         if runtime != RUNTIME_STOPPED:
-            raise StreamFailure("no_control", FOREIGN_PROGRAM_STATE(name=RUNTIME_STATES.get(runtime, "unknown")))
+            raise StreamFailure("no_control", FOREIGN_PROGRAM_STATE(name=program_name(runtime)))
         if control.program_runs():
             raise StreamFailure("no_control", FOREIGN_PROGRAM_STARTED())
         if self.messages.started() and (name := self.messages.running) not in (None, NAME):
@@ -150,7 +150,7 @@ class Upload:
             if failure := self.replaced(arm):
                 raise failure
             if row[0] - since_s > period_s + START_S or state.runtime_state not in {RUNTIME_STOPPED, RUNTIME_STOPPING}:
-                name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+                name = program_name(state.runtime_state)
                 text = WATCHDOG_WRONG_STATE(name=name)
                 raise StreamFailure("no_watchdog", text, ours=state.runtime_state != RUNTIME_PLAYING)  # it ended: what plays now is another
             row = arm.next_row()
@@ -286,7 +286,7 @@ class _Beginning:
             if state.runtime_state == RUNTIME_PLAYING and self._begun_s is None:
                 self._begun_s = float(row[0])
             if self._ours_runs and self._names == [NAME] and state.runtime_state in {RUNTIME_PAUSING, RUNTIME_PAUSED}:
-                name = RUNTIME_STATES[state.runtime_state]
+                name = program_name(state.runtime_state)
                 raise StreamFailure("program_stopped", PROGRAM_PAUSED(name=name))
             if (sign := self._sign_of_another(state)) is not None:
                 self._give_way(sign)
@@ -305,7 +305,7 @@ class _Beginning:
             return StreamFailure("no_control", text, ours=False) if moves else None
         if self._begun_s is None and state.runtime_state == RUNTIME_STOPPED:
             return None
-        name = RUNTIME_STATES.get(state.runtime_state, "unknown")
+        name = program_name(state.runtime_state)
         return StreamFailure("no_control", PROGRAM_STATE_AFTER_UPLOAD(name=name), ours=False)
 
     def _runs_alone(self, now_s: float) -> bool:
