@@ -27,7 +27,7 @@ ROOT = Path(__file__).parent.parent
 SERVER = ROOT / "tests" / "prepared_start.py"
 PR_SET_CHILD_SUBREAPER = 36  # option of prctl(2): orphans become children of this process
 IMPORTS = {
-    "simulate": ("monitor.simulate.arguments", "monitor.simulate.server"),
+    "simulate": ("monitor.simulate.server",),
     "monitor": ("monitor.cli.main", "monitor.service.run"),
     # what the module imports, and not itself: it is run as a program
     "stream": ("monitor.acquire.ur.lend", "monitor.acquire.ur.upload", "monitor.acquire.driver"),

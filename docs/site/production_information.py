@@ -15,9 +15,8 @@ from matplotlib.ticker import NullFormatter
 
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
-from monitor.simulate.cells.catalogue import cell
+from monitor.simulate.cells.catalogue import PRODUCTION, cell
 from monitor.simulate.cells.cell import in_cell
-from monitor.simulate.cells.production import PRODUCTION
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.production import ProductionSettings, record
 from monitor.simulate.settings import SimulateSettings

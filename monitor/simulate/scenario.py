@@ -17,7 +17,7 @@ from typing import Any
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting
 from monitor.simulate import faults
-from monitor.simulate.arguments import Choice, Flag, Kind, Number, Text, check
+from monitor.simulate.faults import Choice, Flag, Kind, Number, Text, check
 
 DAY_S, HOUR_S = 86_400.0, 3600.0
 DAYS_MAX = 36_600.0  # latest day of an event

@@ -13,10 +13,8 @@ from collections.abc import Callable
 from monitor.errors import BadInput
 from monitor.simulate.commands import LINE_MAX_BYTES, Commands, TickCounts
 from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire.listeners import listening
-from monitor.simulate.wire.robot import ServedRobot
-from monitor.simulate.wire.ticking import REST_S, TickSelector
-from monitor.simulate.wire.timer import expirations, periodic_timer
+from monitor.simulate.wire.robot import ServedRobot, listening
+from monitor.simulate.wire.ticking import REST_S, TickSelector, expirations, periodic_timer
 
 LOG_LINES, LOG_PERIOD_S = 20, 60.0  # the log gets at most so many lines in such a period
 CATCH_UP_S = 0.02  # control periods that were missed within this time are computed at once; older ones are dropped

@@ -11,7 +11,7 @@ from monitor.errors import BadInput, ReplayAborted
 from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import SafetyMode
+from monitor.simulate.machine.state import SafetyMode
 
 RATE_HZ = 125.0  # of targets and rows: that of a CB3 controller, at which the monitor replays
 LOOKAHEAD_S, GAIN = 0.03, 500.0  # arguments of servoj, as in replays on the wire

@@ -24,8 +24,8 @@ from monitor.acquire.ur.node_script import (
 )
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import ExceptionMessage, TextMessage
-from monitor.simulate.controller.modes import Runtime
+from monitor.simulate.machine.journal import ExceptionMessage, TextMessage
+from monitor.simulate.machine.state import Runtime
 from monitor.simulate.program_tree import load_tree
 from monitor.simulate.settings import SimulateSettings
 

@@ -46,7 +46,7 @@ c.servoStop()
 
 METERED = """
 import functools, runpy, signal, sys, time
-from monitor.simulate.arm.limits import Limits
+from monitor.simulate.machine.moves import Limits
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors

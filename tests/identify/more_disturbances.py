@@ -7,9 +7,8 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.cells.cell import Cell
-from monitor.simulate.cells.layout import Mass
-from monitor.simulate.cells.things import Thing, Tool
-from monitor.simulate.controller.program.machine import Machine
+from monitor.simulate.cells.things import Mass, Thing, Tool
+from monitor.simulate.machine.machine import Machine
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law
 from monitor.simulate.cells.catalogue import cell
 from monitor.simulate.cells.cell import Cell
-from monitor.simulate.cells.layout import Mass
+from monitor.simulate.cells.things import Mass
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.production import ProductionSettings, arm_in_cell, record
 from monitor.simulate.settings import SimulateSettings

@@ -12,8 +12,7 @@ import pytest
 from more_disturbances import MORE
 from simulated_production import Listened, listened
 
-from monitor.simulate.cells.disturbed import DISTURBED
-from monitor.simulate.cells.production import PRODUCTION
+from monitor.simulate.cells.catalogue import DISTURBED, PRODUCTION
 from monitor.simulate.production import ProductionSettings
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(3600)]

@@ -15,7 +15,7 @@ from monitor.identify.identify import identify
 from monitor.identify.signals.motion import SignalSettings, motion
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
-from monitor.simulate.arm.run_in import REST_S, RUN_S, RunIn
+from monitor.simulate.arm.friction import REST_S, RUN_S, RunIn
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay

@@ -31,8 +31,8 @@ from monitor.recording import DAY_S
 from monitor.service.duty import Duty
 from monitor.service.history.inspection import declare, inspection_document
 from monitor.service.shared_state import SharedState
-from monitor.simulate.controller.journal import SafetyMessage
-from monitor.simulate.controller.modes import SafetyMode
+from monitor.simulate.machine.journal import SafetyMessage
+from monitor.simulate.machine.state import SafetyMode
 from monitor.simulate.wire.primary import encoded
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language

@@ -3,8 +3,8 @@
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import RobotMode, Runtime
-from monitor.simulate.controller.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.state import RobotMode, Runtime
 from monitor.simulate.settings import SimulateSettings
 
 CONTROL = """def rtde_control():

@@ -9,10 +9,10 @@ from sim_pendant import DOUBLES, MOVE, SERVO, Pendant
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.arm.kinematics import Kinematics, se3
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.program.language import Source
-from monitor.simulate.controller.program.scripts import Refused, parse
-from monitor.simulate.controller.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.state import RobotMode, Runtime, SafetyMode
+from monitor.simulate.program.language import Source
+from monitor.simulate.program.scripts import Refused, parse
 from monitor.simulate.scenario import scenario_from_document
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession

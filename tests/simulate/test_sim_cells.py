@@ -10,8 +10,8 @@ from monitor.errors import BadInput
 from monitor.model.robot import load_robot, robot_names
 from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.cells.catalogue import CELLS, cell
-from monitor.simulate.controller.moves import Move
 from monitor.simulate.launch import settings_from
+from monitor.simulate.machine.moves import Move
 from monitor.simulate.production import ProductionSettings, record
 
 

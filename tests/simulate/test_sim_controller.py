@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from sim_pendant import COMMAND, CONTROL, DOUBLES, FOUR, FOURTEEN, MOVE, ONE, SERVO, SIX, SPEED, Pendant
 
-from monitor.simulate.arm.contact import Contact
-from monitor.simulate.controller.modes import Runtime, SafetyMode
-from monitor.simulate.controller.registers import INPUT_TYPES, recipe
-from monitor.simulate.controller.truth import truth
+from monitor.simulate.arm.physics import Contact
+from monitor.simulate.commands import truth
+from monitor.simulate.machine.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.state import Runtime, SafetyMode
 from monitor.simulate.wire.variables import output_variables
 
 

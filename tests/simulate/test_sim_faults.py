@@ -13,10 +13,10 @@ from sim_pendant import Pendant
 from sim_process import eventually, result_of
 
 from monitor.errors import BadInput
-from monitor.simulate.arm.contact import Contact
+from monitor.simulate.arm.physics import Contact
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import Runtime, SafetyMode
 from monitor.simulate.faults import FAULTS, parse
+from monitor.simulate.machine.state import Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 
 PORTS = {"rtde": 30004, "dashboard": 29999, "primary": 30001, "secondary": 30002, "realtime": 30003}

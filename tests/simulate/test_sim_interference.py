@@ -6,7 +6,7 @@ from sim_pendant import COMMAND, CONTROL, MOVE, Pendant
 
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.logbook import ProgramRun
+from monitor.simulate.machine.journal import ProgramRun
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import dashboard
 from monitor.simulate.wire.variables import output_variables

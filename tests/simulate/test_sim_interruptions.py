@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sim_pendant import CLEAR, MOVE, ONE, Pendant
 
-from monitor.simulate.controller.modes import Runtime, SafetyMode
-from monitor.simulate.controller.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.state import Runtime, SafetyMode
 from monitor.simulate.wire import dashboard
 
 SLIDER = recipe(["speed_slider_mask", "speed_slider_fraction"], INPUT_TYPES)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
-from monitor.simulate.controller.modes import Runtime, SafetyMode
+from monitor.simulate.machine.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
+from monitor.simulate.machine.state import Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 
 

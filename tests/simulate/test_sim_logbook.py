@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sim_pendant import COMMAND, CONTROL, MOVE, Pendant
 
+from monitor.simulate.commands import truth
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.logbook import Logbook
-from monitor.simulate.controller.truth import truth
+from monitor.simulate.machine.journal import Logbook
 from monitor.simulate.settings import SimulateSettings
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.arm import lapack
+from monitor.simulate.arm import physics
 from monitor.simulate.arm.friction import FrictionLaw, default_law
 from monitor.simulate.arm.physics import Arm, Target
 from monitor.simulate.arm.thermal import Temperatures, default_thermal
@@ -58,7 +58,7 @@ def worst_energy_error(robot: str, seconds: float) -> float:
 def test_equations_are_solved_by_scipys_own_function():
     """The one that scipy gives out, bit for bit: only the import of the rest of it is left out."""
     A, b = np.diag([2.0, 3.0, 5.0]) + 0.5, np.array([1.0, -2.0, 0.3])
-    for ours, theirs in zip(lapack.dposv(A, b), scipy.linalg.lapack.dposv(A, b), strict=True):
+    for ours, theirs in zip(physics.dposv(A, b), scipy.linalg.lapack.dposv(A, b), strict=True):
         assert np.array_equal(ours, theirs)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import RobotMode
+from monitor.simulate.machine.state import RobotMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import dashboard
 

@@ -13,8 +13,8 @@ from sim_process import eventually
 
 from monitor.errors import BadInput
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import TextMessage
-from monitor.simulate.controller.modes import Runtime
+from monitor.simulate.machine.journal import TextMessage
+from monitor.simulate.machine.state import Runtime
 from monitor.simulate.program_tree import Host, load_tree
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import dashboard

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.identity.published import OUTPUT_TYPES
-from monitor.simulate.controller.modes import Modes, RobotMode
-from monitor.simulate.controller.registers import width
+from monitor.simulate.machine.identity import OUTPUT_TYPES
+from monitor.simulate.machine.registers import width
+from monitor.simulate.machine.state import Modes, RobotMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.rtde import RtdeSession
 from monitor.simulate.wire.variables import joint_mode, output_variables

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.model.robot import load_robot
-from monitor.simulate.arm.reference import Reference
-from monitor.simulate.arm.servoj import SERVO_MAX_RAD_S2, Servoj
+from monitor.simulate.arm.reference import SERVO_MAX_RAD_S2, Reference, Servoj
 
 H = 0.002
 TICK_S = 0.008  # a move is the same for every length of step
@@ -163,7 +162,7 @@ def test_a_change_of_acceleration_is_extrapolated_for_even_targets_and_not_for_u
     """It halves the error for even targets. With 4 ms of jitter it would shake the arm, so there it has no effect."""
     even, jitter = np.full(2000, 0.003), 0.003 + np.abs(np.random.default_rng(0).normal(0.0, 0.004, 2000))
     with_turns = roughness(even), roughness(jitter)
-    monkeypatch.setattr("monitor.simulate.arm.servoj.QDD_CHANGE_GAIN", 0.0)
+    monkeypatch.setattr("monitor.simulate.arm.reference.QDD_CHANGE_GAIN", 0.0)
     without = roughness(even), roughness(jitter)
     assert with_turns[0] < 0.6 * without[0]
     assert with_turns[1] < 1.05 * without[1]

@@ -5,8 +5,8 @@ import pytest
 from sim_pendant import CLEAR, CONTROL, DOUBLES, Pendant
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.registers import INPUT_TYPES, recipe
+from monitor.simulate.machine.state import RobotMode, Runtime, SafetyMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire import dashboard
 from monitor.simulate.wire.variables import output_variables

@@ -9,10 +9,10 @@ from sim_process import excitation
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting, load_robot, robot_names
+from monitor.simulate.commands import truth
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.modes import SafetyMode
-from monitor.simulate.controller.truth import truth
 from monitor.simulate.launch import announcement, settings_from
+from monitor.simulate.machine.state import SafetyMode
 from monitor.simulate.scenario import (
     DAY_S,
     HOUR_S,

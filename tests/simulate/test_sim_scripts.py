@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sim_pendant import CONTROL
 
-from monitor.simulate.controller.moves import Move, StopMotion
-from monitor.simulate.controller.program.interpreter import run
-from monitor.simulate.controller.program.language import Source
-from monitor.simulate.controller.program.scripts import SCRIPT_MAX_BYTES, ControlScript, Framer, Immediate, Refused, parse
-from monitor.simulate.controller.program.steps import PathProgress, Step, Wait, Write
+from monitor.simulate.machine.moves import Move, StopMotion
+from monitor.simulate.program.interpreter import run
+from monitor.simulate.program.language import Source
+from monitor.simulate.program.scripts import SCRIPT_MAX_BYTES, ControlScript, Framer, Immediate, Refused, parse
+from monitor.simulate.program.steps import PathProgress, Step, Wait, Write
 
 
 def steps(text: str) -> list[Step]:

@@ -10,11 +10,10 @@ from sim_pendant import Pendant
 
 from monitor.acquire.ur.primary import reported_error
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.identity.codes import ASKED
-from monitor.simulate.controller.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
-from monitor.simulate.controller.modes import SafetyMode
+from monitor.simulate.machine.journal import ErrorMessage, ExceptionMessage, ProgramMessage, SafetyMessage, TextMessage
+from monitor.simulate.machine.state import ASKED, SafetyMode
 from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire import primary, realtime
+from monitor.simulate.wire import primary
 from monitor.simulate.wire.variables import output_variables
 
 
@@ -28,7 +27,7 @@ def ur5e() -> Controller:
 
 
 def realtime_packet(controller: Controller) -> bytes:
-    return realtime.packing(controller, output_variables(controller), controller.settings.polyscope)()
+    return primary.realtime_packing(controller, output_variables(controller), controller.settings.polyscope)()
 
 
 def packages(message: bytes) -> dict[int, bytes]:

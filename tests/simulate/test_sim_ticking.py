@@ -6,8 +6,7 @@ import time
 
 import pytest
 
-from monitor.simulate.wire.ticking import REST_S, TickSelector
-from monitor.simulate.wire.timer import expirations, periodic_timer
+from monitor.simulate.wire.ticking import REST_S, TickSelector, expirations, periodic_timer
 
 TICK_S = 0.05
 

@@ -1,27 +1,85 @@
-"""The arm: drive torque becomes motion, heat and wear. Pinocchio computes the rigid bodies; this package has the laws of the joints.
-
-One step of length h, second order, from the state (q, v):
-q_m = q + h/2·v;  M(q_m)·(v⁺ − v) = h·[τ − n(q_m, v_m) − s − k·(v + v⁺)/2];  q⁺ = q_m + h/2·v⁺
-M is the mass matrix, n gravity and Coriolis torque, k·v viscous friction, and s dry friction: |sⱼ| ≤ Dⱼ, and sⱼ = Dⱼ·sign(v⁺ⱼ) where
-v⁺ⱼ ≠ 0. This is a linear complementarity problem. It is solved exactly, so a joint that friction holds stands still, without creep or
-chatter.
-"""
+"""LAPACK's `dposv` from scipy, without the rest of `scipy.linalg`: that takes a third of the time in which a simulator starts."""
 
 import math
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
+import scipy
 
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
-from monitor.simulate.arm.contact import Pressing
-from monitor.simulate.arm.friction import REFERENCE_C, SMOOTH_SPEED_RAD_S, STRIBECK_RAD_S, FrictionLaw, default_law
-from monitor.simulate.arm.lapack import dposv
-from monitor.simulate.arm.run_in import RunIn
+from monitor.simulate.arm.friction import (
+    PRODUCTION_LOAD,
+    PRODUCTION_MOVING,
+    PRODUCTION_SPEED_RAD_S,
+    REFERENCE_C,
+    SMOOTH_SPEED_RAD_S,
+    STRIBECK_RAD_S,
+    FrictionLaw,
+    RunIn,
+    Wear,
+    default_law,
+)
 from monitor.simulate.arm.thermal import Temperatures, ThermalModel, default_thermal
-from monitor.simulate.arm.wear import PRODUCTION_LOAD, PRODUCTION_MOVING, PRODUCTION_SPEED_RAD_S, Wear
+
+Solved = tuple[Array, Array, int]
+
+
+def _dposv() -> Callable[[Array, Array], Solved]:
+    """The function of the compiled module alone; where scipy has another layout, that of the package."""
+    spec = PathFinder.find_spec("scipy.linalg._flapack", [str(Path(scipy.__file__).parent / "linalg")])
+    if spec is not None and spec.loader is not None:
+        compiled = module_from_spec(spec)
+        spec.loader.exec_module(compiled)
+        found: Callable[[Array, Array], Solved] = compiled.dposv
+        return found
+    from scipy.linalg.lapack import dposv
+
+    whole: Callable[[Array, Array], Solved] = dposv
+    return whole
+
+
+dposv = _dposv()  # (A, b) → factor of A, x with A·x = b, 0 where A is positive definite
+
+
+# --- What presses against an arm from outside: a torque on one joint, or an elastic wall in its way -----
+
+
+class Pressing(Protocol):
+    """Whatever presses against an arm."""
+
+    left_s: float  # time for which it lasts yet; inf: until it is removed
+
+    def torque_nm(self, q: Array) -> Array:
+        """(J,) torque on the joints at q (J,) [N·m]."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Contact:
+    """One contact at one joint, for a time."""
+
+    joint: int  # 0 … J−1
+    left_s: float  # time for which it lasts yet; inf: until it is removed
+    torque_nm_on_joint: float = 0.0  # constant torque on the joint, with its sign
+    stiffness_nm_per_rad: float = 0.0  # of a wall that the joint touches at wall_rad
+    wall_rad: float = 0.0
+    side: float = 1.0  # the wall is above (1) or below (−1) the joint's position: it only pushes back
+
+    def torque_nm(self, q: Array) -> Array:
+        """(J,) torque on the joints at q (J,) [N·m]."""
+        pressed = np.zeros_like(q)
+        depth_rad = max(self.side * (float(q[self.joint]) - self.wall_rad), 0.0)
+        pressed[self.joint] = self.torque_nm_on_joint - self.side * self.stiffness_nm_per_rad * depth_rad
+        return pressed
+
+
+# --- The arm: drive torque becomes motion, heat and wear. Pinocchio computes the rigid bodies; this package has the laws of the joints ---
 
 SETTLE_S = 0.05  # step of heat and wear, which are slow
 SERVO_RAD_S = 100.0  # bandwidth of the joint servo: friction of 10 N·m deflects a base joint by less than a milliradian

@@ -8,10 +8,9 @@ import numpy as np
 
 from monitor.recording import Array
 from monitor.simulate.arm.kinematics import Kinematics
-from monitor.simulate.cells.layout import Layout, Mass
-from monitor.simulate.cells.things import Grip, Thing, Tool
-from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.steps import Declare, Step
+from monitor.simulate.cells.things import Grip, Layout, Mass, Thing, Tool
+from monitor.simulate.machine.machine import Machine
+from monitor.simulate.program.steps import Declare, Step
 from monitor.simulate.settings import SimulateSettings
 
 RUBBING_M_S = 0.03  # slower than this, what rubs on the tool pulls less: a direction that flips at rest would shake the arm

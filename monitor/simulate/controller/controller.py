@@ -12,33 +12,23 @@ import numpy as np
 from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw
 from monitor.simulate.arm.kinematics import Kinematics
-from monitor.simulate.arm.limits import Limits
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
-from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.faults.fault_target import FaultTarget
-from monitor.simulate.controller.faults.faults import inject
-from monitor.simulate.controller.faults.foreign import ForeignPrograms
-from monitor.simulate.controller.giving import Giving
-from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
-from monitor.simulate.controller.identity.identity import Identity
-from monitor.simulate.controller.identity.personality import personality_of
-from monitor.simulate.controller.installation import Installation
-from monitor.simulate.controller.journal import Journal
-from monitor.simulate.controller.logbook import CLIENT
-from monitor.simulate.controller.measurements import Measurements
-from monitor.simulate.controller.modes import Modes, RobotMode
-from monitor.simulate.controller.moves import Moves
-from monitor.simulate.controller.program.machine import Machine, Watchdog
-from monitor.simulate.controller.program.runner import Programs
-from monitor.simulate.controller.program.scripts import Immediate, parse
-from monitor.simulate.controller.program.surroundings import Surroundings
-from monitor.simulate.controller.registers import Recipe, Registers
+from monitor.simulate.controller.faults import FaultTarget, ForeignPrograms, inject
 from monitor.simulate.controller.safety import Safety
 from monitor.simulate.controller.scenario_player import ScenarioPlayer, ScenarioTarget
 from monitor.simulate.faults import FaultyWire
+from monitor.simulate.machine.identity import Identity
+from monitor.simulate.machine.journal import CLIENT, Journal
+from monitor.simulate.machine.machine import Installation, Machine, Measurements, Watchdog
+from monitor.simulate.machine.moves import Giving, Limits, Moves
+from monitor.simulate.machine.personality import personality_of
+from monitor.simulate.machine.registers import Recipe, Registers
+from monitor.simulate.machine.state import DEVIATES, Clock, ErrorCode, Modes, RobotMode
+from monitor.simulate.program.runner import Programs, Surroundings
+from monitor.simulate.program.scripts import Immediate, parse
 from monitor.simulate.scenario import Scenario
 from monitor.simulate.settings import SimulateSettings
 

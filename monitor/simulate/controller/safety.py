@@ -4,10 +4,9 @@ import re
 
 import numpy as np
 
-from monitor.simulate.controller.identity.codes import DEVIATES, ErrorCode
-from monitor.simulate.controller.modes import RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.runner import Programs
+from monitor.simulate.machine.machine import Machine
+from monitor.simulate.machine.state import DEVIATES, ErrorCode, RobotMode, Runtime, SafetyMode
+from monitor.simulate.program.runner import Programs
 
 SAFETY_STOP_RAD_S2 = 25.0  # deceleration of protective and emergency stops
 UNLOCK_AFTER_S = 5.0  # a protective stop cannot be unlocked earlier; the dashboard's reply names this time

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from monitor.model.robot import Mounting
-from monitor.simulate.arm.friction import REFERENCE_C, FrictionLaw
+from monitor.simulate.arm.friction import REFERENCE_C, VISCOUS_SHARE_OF_WEAR, FrictionLaw, rated_revolutions_an_hour
 from monitor.simulate.arm.physics import Arm
-from monitor.simulate.arm.wear import VISCOUS_SHARE_OF_WEAR, rated_revolutions_an_hour
-from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.faults.fault_target import FaultTarget
-from monitor.simulate.controller.faults.faults import inject
-from monitor.simulate.controller.identity.identity import Identity
-from monitor.simulate.controller.installation import Installation
+from monitor.simulate.controller.faults import FaultTarget, inject
+from monitor.simulate.machine.identity import Identity
+from monitor.simulate.machine.machine import Installation
+from monitor.simulate.machine.state import Clock
 from monitor.simulate.scenario import DAY_S, Scenario, ScenarioEvent, Work
 
 WEAR_QUOTED_AT_RAD_S = 1.0  # `percent_a_month` refers to the friction at this speed, at 25 °C and without load

@@ -3,10 +3,10 @@
 import re
 from typing import Protocol
 
-from monitor.simulate.controller.identity.identity import Identity
-from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.program.runner import Programs
 from monitor.simulate.controller.safety import Safety
+from monitor.simulate.machine.identity import Identity
+from monitor.simulate.machine.state import Modes, RobotMode, Runtime, SafetyMode
+from monitor.simulate.program.runner import Programs
 from monitor.simulate.settings import SimulateSettings
 
 GREETING = "Connected: Universal Robots Dashboard Server"

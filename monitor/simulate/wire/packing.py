@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.controller.registers import width
+from monitor.simulate.machine.registers import width
 
 Values = Sequence[float]
 

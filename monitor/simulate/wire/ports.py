@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.journal import SafetyMessage
-from monitor.simulate.controller.modes import Runtime
-from monitor.simulate.controller.program.scripts import Framer
 from monitor.simulate.faults import CONNECTIONS_MAX, SERVICES
-from monitor.simulate.wire import dashboard, primary, realtime
+from monitor.simulate.machine.journal import SafetyMessage
+from monitor.simulate.machine.state import Runtime
+from monitor.simulate.program.scripts import Framer
+from monitor.simulate.wire import dashboard, primary
 from monitor.simulate.wire.external_control import requested
 from monitor.simulate.wire.rtde import ProtocolError, RtdeSession, text_message
 from monitor.simulate.wire.variables import output_variables
@@ -62,7 +62,7 @@ class Ports:
         self.controller, self.dead, self.silent = controller, False, False
         self._variables = output_variables(controller)
         self._local = controller.identity.local
-        self._realtime = realtime.packing(controller, self._variables, controller.settings.polyscope)
+        self._realtime = primary.realtime_packing(controller, self._variables, controller.settings.polyscope)
 
     def rtde_session(self) -> RtdeSession:
         """A session for a new RTDE connection."""

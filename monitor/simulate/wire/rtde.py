@@ -9,8 +9,8 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from monitor.simulate.controller.identity.identity import Identity
-from monitor.simulate.controller.registers import Recipe, Registers, recipe
+from monitor.simulate.machine.identity import Identity
+from monitor.simulate.machine.registers import Recipe, Registers, recipe
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.packing import Variable, reader
 

@@ -5,11 +5,11 @@ from monitor.simulate.arm.kinematics import Kinematics
 from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.controller.controller import Controller
-from monitor.simulate.controller.identity.personality import SUPPLY_V, Personality
-from monitor.simulate.controller.identity.published import NOT_MODELLED, OUTPUT_TYPES
-from monitor.simulate.controller.measurements import Measurements
-from monitor.simulate.controller.modes import Modes, RobotMode, Runtime, SafetyMode
-from monitor.simulate.controller.registers import INPUT_TYPES, REGISTERS, width
+from monitor.simulate.machine.identity import NOT_MODELLED, OUTPUT_TYPES
+from monitor.simulate.machine.machine import Measurements
+from monitor.simulate.machine.personality import SUPPLY_V, Personality
+from monitor.simulate.machine.registers import INPUT_TYPES, REGISTERS, width
+from monitor.simulate.machine.state import Modes, RobotMode, Runtime, SafetyMode
 from monitor.simulate.wire.packing import Source, Variable, array, computed, constant, listed, number
 
 CURRENT_WINDOW_SHARE = 0.1  # published tolerance of the joint currents, as a share of the current at maximum torque

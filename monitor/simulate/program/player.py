@@ -1,16 +1,21 @@
-"""Programs that are a sequence of steps."""
+"""Motions that a program renews in every control period: servoj, speedj and speedl."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+import itertools
+import math
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
 
-from monitor.simulate.controller.identity.codes import ASKED
-from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2, Move, StopMotion
-from monitor.simulate.controller.program import queries
-from monitor.simulate.controller.program.language import ScriptError
-from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.steps import (
+from monitor.recording import Array
+from monitor.simulate.machine.machine import Machine
+from monitor.simulate.machine.moves import PROGRAM_STOP_RAD_S2, Move, StopMotion
+from monitor.simulate.machine.state import ASKED
+from monitor.simulate.program import queries
+from monitor.simulate.program.interpreter import Execution, Halted
+from monitor.simulate.program.language import ScriptError, Source
+from monitor.simulate.program.steps import (
     Critical,
     Declare,
     Freedrive,
@@ -31,7 +36,46 @@ from monitor.simulate.controller.program.steps import (
     Write,
     takes_time,
 )
-from monitor.simulate.controller.program.streams import follow, joint_speed, tool_speed
+
+SERVO_TIME_MIN_S, SERVO_TIME_MAX_S = 1e-4, 10.0  # range of servoj's argument `time`; a shorter time means one control period
+LOOKAHEAD_S, GAIN = (0.03, 0.2), (100.0, 2000.0)  # documented ranges of servoj's arguments
+
+
+def follow(machine: Machine, targets: Sequence[Sequence[float]], time_s: float, lookahead_s: float, gain: float) -> bool:
+    """Give targets (J,) of servoj, oldest first, to the reference. Returns False if they lead to a protective stop."""
+    if not all(map(math.isfinite, (*chain.from_iterable(targets), time_s, lookahead_s, gain))):
+        machine.supervisor.protective_stop("servoj with a target that is not a number")
+        return False
+    jump = machine.moves.sudden(targets[-1]) if targets else ""
+    if jump:
+        machine.supervisor.protective_stop(f"servoj: {jump}")
+        return False
+    time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
+    lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
+    machine.reference.follow([list(target) for target in targets], time_s, lookahead_s, gain)
+    return True
+
+
+def joint_speed(machine: Machine, wanted: Array, acceleration: float) -> None:
+    """Give the speed of speedj (J,) [rad/s] to the reference. A figure that is not finite is a protective stop."""
+    if np.isfinite(wanted).all() and math.isfinite(acceleration):
+        machine.reference.speed(wanted, acceleration)
+    else:
+        machine.supervisor.protective_stop("speedj with a target that is not a number")
+
+
+def tool_speed(machine: Machine, wanted: Array, acceleration: float) -> None:
+    """Give the speed of speedl (6,) [m/s, rad/s] along the base's axes to the reference.
+
+    A figure that is not finite is a protective stop.
+    """
+    if np.isfinite(wanted).all() and math.isfinite(acceleration):
+        machine.moves.tool_speed(wanted, acceleration)
+    else:
+        machine.supervisor.protective_stop("speedl with a target that is not a number")
+
+
+# --- Programs that are a sequence of steps --------------------------------------------------------------
 
 MOTIONS = (Move, Servo, Speed)
 
@@ -253,3 +297,72 @@ class SteppedProgram:
     def step(self) -> bool:
         """Run until somebody stops the program."""
         return True
+
+
+# --- A program in URScript that plays: its main thread, and the threads that it starts ------------------
+
+MAIN = 0  # number of the main thread; a program may compare the number of a thread with 0
+THREADS_MAX = 32
+
+
+class ScriptProgram:
+    """A program in URScript. It ends with its main thread; its threads take turns in every control period, the oldest first."""
+
+    command_register = ""
+
+    def __init__(self, program: Source, machine: Machine) -> None:
+        self._execution, self._machine = Execution(program, machine), machine
+        self._numbers = itertools.count(MAIN + 1)
+        self._players = {MAIN: Player(self._execution.main(), machine, threads=self)}
+        self._alone: Player | None = None  # the thread in a critical section
+
+    def received(self) -> None:
+        """Input packets do not matter to a program that reads registers."""
+
+    def step(self) -> bool:
+        """Play on. Returns False when the program has ended. Raises ScriptError where a controller raises a runtime exception."""
+        try:
+            for number, player in list(self._players.items()):
+                if number in self._players and self._alone in (None, player) and player.over():
+                    self._end(number)
+        except Halted:
+            return False
+        return MAIN in self._players
+
+    def instant(self) -> None:
+        """Play all steps at once, as a secondary program. Raises ScriptError for a step that takes time."""
+        try:
+            self._players[MAIN].instant()
+        except Halted:
+            return
+
+    # --- what a thread asks of the others ----------------------------------------------------------------------
+    def start(self, name: str) -> int:
+        """Start a thread. Returns its number. Raises ScriptError for too many threads."""
+        if len(self._players) >= THREADS_MAX:
+            raise ScriptError(f"runtime_error: more than {THREADS_MAX} threads")
+        number = next(self._numbers)
+        self._players[number] = Player(self._execution.thread(name), self._machine, threads=self, waits_for_arm=False)
+        return number
+
+    def kill(self, number: int) -> None:
+        """End a thread; its motion ends in a stop. A number that no thread has ends nothing."""
+        if number in self._players and number != MAIN:
+            self._players[number].abandon()
+            self._end(number)
+
+    def runs(self, number: int) -> bool:
+        """Whether a thread has not ended."""
+        return number in self._players
+
+    def hold(self, alone: Player | None) -> None:
+        """Let only this thread run, or all again."""
+        self._alone = alone
+
+    def others_move(self, player: Player) -> bool:
+        """Whether a thread beside this one moves the arm."""
+        return any(other.moves for other in self._players.values() if other is not player)
+
+    def _end(self, number: int) -> None:
+        if self._alone is self._players.pop(number):
+            self._alone = None

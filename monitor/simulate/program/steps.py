@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from monitor.simulate.controller.giving import Comply
-from monitor.simulate.controller.moves import Move, StopMotion
-from monitor.simulate.controller.program.language import TEXT_MAX, ScriptError
+from monitor.simulate.machine.moves import Comply, Move, StopMotion
+from monitor.simulate.program.language import TEXT_MAX, ScriptError
 
 INTEGER = 2**31  # an integer register holds −INTEGER … INTEGER − 1
 REGISTERS = 48

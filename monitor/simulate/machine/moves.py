@@ -1,8 +1,9 @@
-"""Moves that a program asks for: each is checked against the limits of the arm and then given to the reference."""
+"""The limits that a controller supervises: following error, drive torque, joint ranges and jumps of servoj's target."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import sub
 
 import numpy as np
 import pinocchio as pin
@@ -11,11 +12,78 @@ from monitor.model.robot import Robot
 from monitor.recording import Array
 from monitor.simulate.arm import motions, path
 from monitor.simulate.arm.kinematics import Kinematics, se3
-from monitor.simulate.arm.limits import Limits
 from monitor.simulate.arm.path import Path
+from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
-from monitor.simulate.controller.clock import Clock
-from monitor.simulate.controller.modes import Modes, Supervisor
+from monitor.simulate.machine.personality import Personality
+from monitor.simulate.machine.state import Clock, Modes, Supervisor
+
+DEVIATION_MAX_RAD = 0.15  # following error that leads to a protective stop
+SATURATED_MAX_S = 0.1  # a drive at its torque limit for longer than this means that something blocks the arm
+LIMIT_MARGIN_RAD = 1e-6  # rounding errors of a target exactly at the limit
+ENDLESS_WRIST = frozenset({"ur3", "ur3e"})  # their last joint turns without end; it is published as ±2π all the same
+WAY_BACK_RAD = 0.01  # how much farther out an arm may settle after it was unlocked beyond its range
+
+
+class Limits:
+    """The limits of one arm. The controller calls `broken` in every control period."""
+
+    def __init__(self, robot: Robot, tick_s: float) -> None:
+        self._robot, self._tick_s = robot, tick_s
+        self._limit = robot.max_position_rad + LIMIT_MARGIN_RAD
+        if robot.name in ENDLESS_WRIST:
+            self._limit[-1] = np.inf
+        self._way_back: Array | None = None  # (J,) largest |q| of an arm that was unlocked beyond its range
+        self._max_speed: list[float] = robot.max_speed_rad_s.tolist()
+        self._slowest = min(self._max_speed)
+        self._saturated_s = 0.0
+
+    def broken(self, target: Array, q: Array, torque_nm: Array) -> str:
+        """Check target, encoder position and drive torque, each (J,). Returns the reason for a protective stop, or an empty text."""
+        size, deviation = np.abs(torque_nm), np.abs(target - q)
+        self._saturated_s = self._saturated_s + self._tick_s if True in (size >= self._robot.max_torque_nm).tolist() else 0.0
+        if max(deviation.tolist()) > DEVIATION_MAX_RAD:
+            return f"joint {int(np.argmax(deviation)) + 1} is {deviation.max():.3f} rad from where it should be"
+        if self._saturated_s > SATURATED_MAX_S:
+            return f"the drive of joint {int(np.argmax(size / self._robot.max_torque_nm)) + 1} is at its torque limit"
+        beyond = self.outside(q)
+        if self._way_back is not None:
+            if beyond and (np.abs(q) <= self._way_back).all():
+                return ""
+            self._way_back = None
+        return beyond
+
+    def deviation_ratio(self, target: Array, q: Array) -> float:
+        """Following error divided by DEVIATION_MAX_RAD. A ratio of 1 or more leads to a protective stop."""
+        return float(np.abs(target - q).max()) / DEVIATION_MAX_RAD
+
+    def reset(self, q: Array) -> None:
+        """Begin anew after a protective stop. A joint beyond its range at q (J,) may go back, but not farther out."""
+        self._saturated_s = 0.0
+        self._way_back = np.maximum(self._limit, np.abs(q) + WAY_BACK_RAD) if self.outside(q) else None
+
+    def outside(self, q: Array) -> str:
+        """Check joint positions (J,). Returns the first joint beyond its range with its position, or an empty text."""
+        beyond = (np.abs(q) > self._limit).tolist()
+        if True not in beyond:
+            return ""
+        joint = beyond.index(True)
+        return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self._robot.max_position_rad[joint]:.3f}"
+
+    def jump(self, target: Sequence[float], before: Sequence[float], since_s: float) -> str:
+        """Check whether a servoj target (J,) is farther from the one before than the arm can have moved since.
+
+        Returns the joint and the distance, or an empty text.
+        """
+        if max(map(abs, map(sub, target, before))) <= DEVIATION_MAX_RAD + self._slowest * since_s:
+            return ""  # within the bound of the slowest joint
+        for joint, (to, was, fastest) in enumerate(zip(target, before, self._max_speed, strict=True)):
+            if not abs(to - was) <= DEVIATION_MAX_RAD + fastest * since_s:
+                return f"sudden change of the target of joint {joint + 1} by {abs(to - was):.3f} rad within {1000 * since_s:.0f} ms"
+        return ""
+
+
+# --- Moves that a program asks for: each is checked against the limits of the arm and then given to the reference ---
 
 PROGRAM_STOP_RAD_S2 = 15.0  # deceleration when a program ends or pauses: an arm at 2 rad/s stops within 0.13 s
 SLOWEST = 1e-9  # smallest speed and acceleration of a move, so that their inverse is finite
@@ -179,3 +247,62 @@ class Moves:
     def inverse(self, pose: Array, near: Array | None = None) -> Array | None:
         """(J,) joint positions for a tool pose (6,), near the given positions or else near the present ones; None if there are none."""
         return self._kinematics.inverse(se3(pose), self._reference.q if near is None else near)
+
+
+# --- What makes an arm give way: force control along one direction, and freedrive -----------------------
+
+FORCE_GAIN_M_S_N = 6e-4  # speed of the tool for each newton that is missing
+FRICTION_HELP = 0.7  # share of its own model of friction that the controller adds in freedrive, so that the arm is light
+
+
+@dataclass(frozen=True, slots=True)
+class Comply:
+    """A force_mode along one direction of the base: the tool presses with this force [N], and gives way no faster than this [m/s]."""
+
+    direction: tuple[float, float, float]  # of length 1
+    force_n: float
+    speed_max_m_s: float = 0.05
+
+
+class Giving:
+    """Force control and freedrive of one arm; a controller without them holds its path."""
+
+    def __init__(self, arm: Arm, reference: Reference, kinematics: Kinematics, personality: Personality) -> None:
+        self._arm, self._reference, self._kinematics, self._personality = arm, reference, kinematics, personality
+        self._comply: Comply | None = None
+        self.freedrive = False
+        self.felt_n: Array = np.zeros(3)  # (3,) force from outside at the tool, along the axes of the base
+
+    def comply(self, comply: Comply | None) -> None:
+        """Begin force control, or end it with None: the next move begins where the arm has been led."""
+        self._comply = comply
+        if comply is None:
+            self._reference.keep()
+
+    def end(self) -> None:
+        """Hold the path again: the program has ended."""
+        self.freedrive = False
+        if self._comply is not None:
+            self.comply(None)
+
+    @property
+    def any(self) -> bool:
+        """Whether the arm gives way."""
+        return self.freedrive or self._comply is not None
+
+    def step(self, tick_s: float, substeps: int, encoder_q: Array) -> bool:
+        """Give way for one control period. Returns whether that moved the arm, so that its servo must not."""
+        if self.freedrive:
+            arm = self._arm
+            for _ in range(substeps):
+                gravity = pin.computeGeneralizedGravity(arm.assumed_model, arm.assumed_model.createData(), arm.q)
+                arm.push(tick_s / substeps, gravity + FRICTION_HELP * self._personality.target_friction_nm(arm.qd))
+            self._reference.reset(encoder_q)
+            return True
+        if self._comply is not None:
+            direction = np.array(self._comply.direction)
+            missing = self._comply.force_n + float(direction @ self.felt_n)  # what is felt pushes back
+            speed = float(np.clip(FORCE_GAIN_M_S_N * missing, -self._comply.speed_max_m_s, self._comply.speed_max_m_s))
+            twist = np.concatenate([speed * direction, np.zeros(3)])
+            self._reference.give(tick_s * self._kinematics.towards(self._reference.q, twist))
+        return False

@@ -8,10 +8,9 @@ refused with the line and the reason.
 import re
 from dataclasses import dataclass
 
-from monitor.simulate.controller.program.functions import FUNCTIONS
-from monitor.simulate.controller.program.interpreter import NeedsMachine, run
-from monitor.simulate.controller.program.language import ScriptError, Source, parsed
-from monitor.simulate.controller.program.steps import STEPS, Step, takes_time
+from monitor.simulate.program.interpreter import FUNCTIONS, NeedsMachine, run
+from monitor.simulate.program.language import ScriptError, Source, parsed
+from monitor.simulate.program.steps import STEPS, Step, takes_time
 
 SCRIPT_MAX_BYTES = 1 << 20
 STEPS_MAX = 10_000

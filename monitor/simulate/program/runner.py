@@ -1,21 +1,157 @@
-"""The program that runs on a controller: what starts, pauses and ends it."""
+"""What stands around an arm, as its controller knows it: it acts on the arm in every control period, and brings the cell's program."""
 
 import logging
+from collections.abc import Iterator, Mapping
+from typing import Protocol
 
-from monitor.simulate.controller.logbook import CLIENT, SIMULATOR, SOMEBODY_ELSE
-from monitor.simulate.controller.modes import Runtime
-from monitor.simulate.controller.moves import PROGRAM_STOP_RAD_S2
-from monitor.simulate.controller.program.control import ControlProgram
-from monitor.simulate.controller.program.files import ProgramFiles
-from monitor.simulate.controller.program.foreign import ForeignProgram
-from monitor.simulate.controller.program.language import ScriptError, Source
-from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.player import CellProgram, SteppedProgram
-from monitor.simulate.controller.program.scripts import ControlScript, Refused
-from monitor.simulate.controller.program.surroundings import Surroundings
-from monitor.simulate.controller.program.threads import ScriptProgram
-from monitor.simulate.controller.registers import Recipe
+import numpy as np
+
+from monitor.recording import Array
+from monitor.simulate.machine.journal import CLIENT, SIMULATOR, SOMEBODY_ELSE
+from monitor.simulate.machine.machine import Machine
+from monitor.simulate.machine.moves import PROGRAM_STOP_RAD_S2, Move
+from monitor.simulate.machine.registers import Recipe
+from monitor.simulate.machine.state import Runtime
 from monitor.simulate.polyscope import X
+from monitor.simulate.program.control import ControlProgram
+from monitor.simulate.program.language import ScriptError, Source
+from monitor.simulate.program.player import CellProgram, ScriptProgram, SteppedProgram
+from monitor.simulate.program.scripts import ControlScript, Refused, parse
+from monitor.simulate.program.steps import Step
+from monitor.simulate.program_tree import Host, ProgramTree
+
+
+class Surroundings(Protocol):
+    """A cell around one arm. The steps of its program may ask for the state of the machine."""
+
+    name: str
+
+    def program(self, machine: Machine) -> Iterator[Step]:
+        """The steps of the cell's program from its beginning, as at Play."""
+
+    def step(self, machine: Machine) -> None:
+        """Act on the arm: grip, press, lead it by the hand."""
+
+    def wrench(self, machine: Machine) -> Array:
+        """(6,) force [N] and torque [N·m] that the controller shows as `actual_TCP_force`."""
+
+
+# --- The program files of a controller. They are in memory: two programs that a cell may run by itself, and the one that is loaded ---
+
+FOLDERS = ("", "/programs/", "/ursim/programs/")  # where a file may be said to be: on an arm, and in the manufacturer's own simulator
+INSTALLATIONS = frozenset({"default.installation"})
+SCRIPT_PROGRAM = "rtde_control.urp"  # what is loaded at first; programs that come over a script port are reported under the loaded name
+PROGRAMS = {  # file name → what it does
+    "wait_program.urp": "def wait_program():\n  while True:\n    sleep(1.0)\n  end\nend",
+    "back_and_forth.urp": (
+        "def back_and_forth():\n"
+        "  here = get_target_joint_positions()\n"
+        "  there = here + [0, 0, 0, 0, 0, 0.4]\n"
+        "  while True:\n"
+        "    movej(there, a=1.0, v=0.5)\n"
+        "    movej(here, a=1.0, v=0.5)\n"
+        "  end\n"
+        "end"
+    ),
+}
+
+
+class ProgramFiles:
+    """The files of one controller. `loaded` is the name of the loaded program."""
+
+    def __init__(self, tree: ProgramTree | None = None, *, silent: bool = False, of_cell: str | None = None) -> None:
+        """A production program is loaded at first if one is given. `silent`: a node whose host does not answer does nothing.
+
+        of_cell : name of the program of the cell around the arm, which is then loaded at first; None if the arm stands in none.
+        """
+        self._of_cell = None if of_cell is None else f"{of_cell}.urp"
+        self._silent = silent
+        self._trees = {} if tree is None else {f"{tree.name}.urp": tree}
+        self.loaded = self._of_cell or next(iter(self._trees), SCRIPT_PROGRAM)
+        self._served: Mapping[Host, str | None] = {}
+
+    def load(self, path: str) -> bool:
+        """Load a program. Returns False if there is no such file."""
+        name = self._name(path)
+        found = name in self.names
+        if found:
+            self.loaded = name
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of all program files."""
+        return (*(() if self._of_cell is None else (self._of_cell,)), *self._trees, *PROGRAMS)
+
+    @property
+    def cell_loaded(self) -> bool:
+        """Whether the program of the cell is the one that is loaded."""
+        return self.loaded == self._of_cell
+
+    @property
+    def hosts(self) -> tuple[Host, ...]:
+        """The hosts that the loaded program asks for text at Play."""
+        return self._trees[self.loaded].hosts if self.loaded in self._trees else ()
+
+    def serve(self, served: Mapping[Host, str | None]) -> None:
+        """Take over what the hosts answered; None where one did not."""
+        self._served = served
+
+    def has_installation(self, path: str) -> bool:
+        """Whether there is an installation file of this name."""
+        return self._name(path) in INSTALLATIONS
+
+    @property
+    def program(self) -> Source | Refused | None:
+        """The loaded program, made into a script as at Play; None if only scripts have run so far."""
+        if self.loaded in self._trees:
+            text = self._trees[self.loaded].script(self._served, silent=self._silent)
+        elif self.loaded in PROGRAMS:
+            text = PROGRAMS[self.loaded]
+        else:
+            return None
+        script = parse(text, recognise=False)
+        return script if isinstance(script, Source | Refused) else None
+
+    @staticmethod
+    def _name(path: str) -> str:
+        folder, slash, name = path.rpartition("/")
+        return name if folder + slash in FOLDERS else path
+
+
+# --- A program that somebody else starts on the controller: from the pendant, or by another machine -----
+
+SWAY_RAD, SWAY_RAD_S, SWAY_RAD_S2 = 0.1, 0.2, 0.5  # it moves all joints gently to and fro
+
+
+class ForeignProgram:
+    """Plays for a time. It moves the arm to and fro from where it stood, or only plays."""
+
+    command_register = ""
+
+    def __init__(self, machine: Machine, seconds: float, *, moves: bool) -> None:
+        self._machine, self._moves = machine, moves
+        self._until_s = machine.clock.now_s + seconds
+        self._home = machine.reference.q.copy()
+        self._away = False
+
+    def received(self) -> None:
+        """Input packets do not matter to a program without a command register."""
+
+    def step(self) -> bool:
+        """Play on. Returns False when the time is over."""
+        machine = self._machine
+        if machine.clock.now_s >= self._until_s:
+            return False
+        if self._moves and machine.modes.may_move and machine.moves.over:
+            self._away = not self._away
+            inwards = -np.where(self._home < 0.0, -1.0, 1.0)  # never against the end of a joint
+            goal = self._home + (SWAY_RAD * inwards if self._away else 0.0)
+            machine.moves.start(Move(tuple(goal.tolist()), pose=False, straight=False, speed=SWAY_RAD_S, acceleration=SWAY_RAD_S2))
+        return True
+
+
+# --- The program that runs on a controller: what starts, pauses and ends it -----------------------------
 
 log = logging.getLogger(__name__)
 

@@ -12,14 +12,13 @@ from collections.abc import Callable
 import numpy as np
 
 from monitor.simulate.arm.kinematics import se3
-from monitor.simulate.controller.modes import Runtime
-from monitor.simulate.controller.moves import Move, StopMotion
-from monitor.simulate.controller.program import queries
-from monitor.simulate.controller.program.contact import UntilContact
-from monitor.simulate.controller.program.machine import Machine
-from monitor.simulate.controller.program.player import Player
-from monitor.simulate.controller.program.scripts import ControlScript
-from monitor.simulate.controller.program.streams import follow, joint_speed, tool_speed
+from monitor.simulate.machine.machine import Machine
+from monitor.simulate.machine.moves import Move, StopMotion
+from monitor.simulate.machine.state import Runtime
+from monitor.simulate.program import queries
+from monitor.simulate.program.player import Player, follow, joint_speed, tool_speed
+from monitor.simulate.program.queries import UntilContact
+from monitor.simulate.program.scripts import ControlScript
 
 log = logging.getLogger(__name__)
 

@@ -1,1 +1,0 @@
-"""What goes wrong on a simulated controller: faults of its own, interference by people, programs of others."""

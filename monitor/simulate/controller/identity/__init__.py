@@ -1,1 +1,0 @@
-"""Who a simulated controller is: version, personality, published variables, error codes."""

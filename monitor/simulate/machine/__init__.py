@@ -1,0 +1,1 @@
+"""The parts of a simulated controller that its programs read and move: state, moves, registers, journal, identity."""
