@@ -36,7 +36,7 @@ def test_a_joint_that_moves_loses_its_run_in_and_rest_brings_it_back():
     assert run_in.factor == pytest.approx([1.0 + SHARE * math.exp(-1.0)] * 2 + [1.0 + SHARE])
     run_in.pass_by(4.0 * REST_S, np.zeros(3))
     assert np.all(run_in.rested > 0.98)
-    run_in.production(3600.0, 1.0)
+    run_in.pass_production(3600.0, 1.0)
     assert np.all(run_in.rested < 0.02)
 
 

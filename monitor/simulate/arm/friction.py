@@ -155,7 +155,7 @@ class RunIn:
         run, rest = np.exp(-elapsed_s / RUN_S), np.exp(-elapsed_s / REST_S)
         self.rested = np.where(moving, self.rested * run, 1.0 - (1.0 - self.rested) * rest)
 
-    def work(self, elapsed_s: float, duty: float) -> None:
+    def pass_production(self, elapsed_s: float, duty: float) -> None:
         """Let time pass in which the arm did a typical job in the share `duty` of it, with short rests in between."""
         moving = duty * PRODUCTION_MOVING
         rate = moving / RUN_S + (1.0 - moving) / REST_S

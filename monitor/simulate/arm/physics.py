@@ -401,7 +401,7 @@ class Arm:
             current = (load + resisting) / self.gain_nm_per_a
             motor_w = (self.thermal.idle_w if self.powered else 0.0) + moving * self.thermal.winding_ohm * current * current
             self.temperatures = self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt)
-            self.run_in.work(dt, duty)
+            self.run_in.pass_production(dt, duty)
             self.wear.use(moving * speed * dt / math.tau, np.full(self.robot.joints, PRODUCTION_LOAD))
         self._update_friction()
 
