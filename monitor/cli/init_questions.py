@@ -133,8 +133,8 @@ class CellAnswers(NamedTuple):
         return bool(self.walls or self.boxes) or self.table_top_m is not None or self.tool_length_m is not None
 
 
-def cell_of(answers: CellAnswers, ask: Questions, beside: Path) -> "str | Cell":
-    """`plain`, the name of a cell's file beside the configuration, or a cell that has no file yet.
+def cell_of(answers: CellAnswers, ask: Questions, folder: Path) -> "str | Cell":
+    """`plain`, the name of a cell's file in the configuration's folder, or a cell that has no file yet.
 
     Raises BadInput where an answer is no cell.
     """
@@ -146,8 +146,8 @@ def cell_of(answers: CellAnswers, ask: Questions, beside: Path) -> "str | Cell":
     ask.say("the path of a cell's TOML file names one that you have (config/cell/example.toml shows everything that can be said).")
 
     def known(text: str) -> None:
-        if text not in {"plain", "describe"} and not (beside / text).is_file():
-            raise BadInput(f"{text!r} is no file beside the configuration; expected plain, describe or the path of a cell's TOML file")
+        if text not in {"plain", "describe"} and not (folder / text).is_file():
+            raise BadInput(f"{text!r} is no file in the configuration's folder; expected plain, describe or the path of a cell's TOML file")
 
     chosen = ask.answer("--cell", answers.cell, "Cell", "plain", text_of(known))
     if chosen != "describe":

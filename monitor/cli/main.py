@@ -97,7 +97,7 @@ for _topic in TOPICS:
         app.command(name=_name, cls=Command)(_function)
     for _name, _group in getattr(_topic, "GROUPS", {}).items():
         _words = typer.Typer(cls=WholeHelp, rich_markup_mode=None)
-        _words.callback(invoke_without_command=True)(_group.alone)
+        _words.callback(invoke_without_command=True)(_group.default)
         for _word, _function in _group.words.items():
             _words.command(name=_word, cls=Command)(_function)
         app.add_typer(_words, name=_name)

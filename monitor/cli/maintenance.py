@@ -89,7 +89,7 @@ def serviced(
     if as_json:
         print_json(answer)
         return
-    typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{answer['work']['text'].split(').')[0]}).")
+    typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{answer['maintenance']['text']}")
     for sentence in answer["text"]:
         typer.echo(f"  {sentence}")
 

@@ -80,7 +80,7 @@ def replay(config: ConfigOption, output: RecordingOutputOption, force: ForceOpti
     first = output.with_name(f"{output.stem}-first-pass.parquet")
     with (
         stop_on(*STOP_SIGNALS) as stopping,
-        Store.beside(configuration.state_directory) as store,
+        Store.shared(configuration.state_directory) as store,
         _permit_query(configuration) as ask,
         progress("replay") as show,
     ):
@@ -166,18 +166,18 @@ def allow(
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
     from monitor.service.left_arm import let_back
-    from monitor.store.history.motions import WAY_BACK
+    from monitor.store.history.motions import LET_BACK, WAY_BACK
     from monitor.store.store import Store
 
     configuration = load_configuration(config)
     for option, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
-    with Store.beside(configuration.state_directory) as store:
+    with Store.shared(configuration.state_directory) as store:
         store.motions.give_up_left_over(time.time())  # a motion without a known end waits for a person too
         back = let_back(configuration, store) if way_back else None
         if back is not None:
-            store.stops.add(WAY_BACK, f"a person lets the arm be brought back: {back}", time.time())
+            store.stops.add(WAY_BACK, LET_BACK(back=back), time.time())
         waiting = store.stops.allow(by.strip(), why.strip(), time.time())
     stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, **stop.said.document(), "serial": stop.serial} for stop in waiting]
     others = [stop.serial for stop in waiting if stop.serial is not None]
@@ -190,7 +190,7 @@ def allow(
     if not waiting:
         typer.echo(f"{configuration.robot.id}: no stop is waiting for a person")
     for stop in stops:
-        typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['told']}")
+        typer.echo(f"{configuration.robot.id}: {stop['at']}  {stop['text']}")
     if others:
         typer.echo(f"{configuration.robot.id}: from now on the arm with the serial number {others[-1]} is expected; its first pass is slow")
     if waiting:

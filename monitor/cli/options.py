@@ -22,7 +22,7 @@ Commands = Mapping[str, Callable[..., None]]  # of one topic: name on the comman
 class Group(NamedTuple):
     """A command with words of its own, as in `joint-monitor plant status`."""
 
-    alone: Callable[..., None]  # what it does without a further word
+    default: Callable[..., None]  # what it does without a further word
     words: Commands
 
 

@@ -29,18 +29,18 @@ def shared_file(name: str) -> Path:
     raise BadInput(f"{name}: not among the files that joint-monitor ships")
 
 
-def find_excitation(name: str, beside: Path) -> Excitation:
+def find_excitation(name: str, folder: Path) -> Excitation:
     """A trajectory by its shipped name (`ur5-ground`) or by the path of its file.
 
     Raises BadInput naming the shipped ones where it is neither, or what is wrong in the file.
     """
-    path = beside / name
+    path = folder / name
     if not path.is_file():
         try:
             path = shared_file(f"excitation/{name}.json")
         except BadInput:
             shipped = sorted(entry.stem for entry in shared_file("monitor.toml").parent.glob("excitation/*.json"))
-            raise BadInput(f"{name!r} is no file beside the configuration and not shipped; shipped are {', '.join(shipped)}") from None
+            raise BadInput(f"{name!r} is no file in the configuration's folder and not shipped; shipped are {', '.join(shipped)}") from None
     try:
         return excitation_from_document(json.loads(path.read_text("utf-8")))
     except RecursionError:
@@ -49,7 +49,7 @@ def find_excitation(name: str, beside: Path) -> Excitation:
         raise BadInput(f"{path}: {error}") from None
 
 
-def find_cell(name: Any, mounting: Mounting, beside: Path) -> Cell | None:
+def find_cell(name: Any, mounting: Mounting, folder: Path) -> Cell | None:
     """A site's cell: `plain` is the table-top of the mounting, `unchecked` is None, anything else the path of a TOML file.
 
     Raises BadInput where it is none of these, or naming every mistake in the file.
@@ -58,9 +58,9 @@ def find_cell(name: Any, mounting: Mounting, beside: Path) -> Cell | None:
         return None
     if name == "plain":
         return plain_cell(mounting)
-    if not isinstance(name, str) or not (beside / name).is_file():
-        raise BadInput(f"{name!r} is no file beside the configuration; expected plain, unchecked or the path of a cell's TOML file")
-    return load_cell(beside / name)
+    if not isinstance(name, str) or not (folder / name).is_file():
+        raise BadInput(f"{name!r} is no file in the configuration's folder; expected plain, unchecked or the path of a cell's TOML file")
+    return load_cell(folder / name)
 
 
 def load_cell(path: Path) -> Cell:
@@ -78,7 +78,7 @@ def load_cell(path: Path) -> Cell:
         raise BadInput(f"{path}: {error}") from None
 
 
-def find_prior(name: Any, model: str, reference_speed_rad_s: float, beside: Path) -> FleetPrior | None:
+def find_prior(name: Any, model: str, reference_speed_rad_s: float, folder: Path) -> FleetPrior | None:
     """A fleet's prior for a robot model, by the path of its file; None for the empty name.
 
     Raises BadInput where there is no such file, or it holds no prior of this model at this speed.
@@ -87,7 +87,7 @@ def find_prior(name: Any, model: str, reference_speed_rad_s: float, beside: Path
         return None
     if not isinstance(name, str):
         raise BadInput(f"{name!r}: expected the path of a file that `joint-monitor prior` has written")
-    path = beside / name
+    path = folder / name
     try:
         content = path.read_bytes()
         document = json.loads(content)

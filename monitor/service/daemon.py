@@ -96,7 +96,7 @@ class Daemon:
             self.state.production_motion.continue_from(self.state.estimator.belief.usage)
         restored = self._store.restored
         if restored is not None:
-            log.error("%s", restored.text)
+            log.error("%s", restored.reason)
         self.alerts.read_restored()
         if self.alerts.restored is not None:  # also where the last start ended in the middle of it
             adopted = adopt_orphans(self._store, self._now())

@@ -13,11 +13,20 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from monitor.errors import StoreError, StoreUnavailable
+from monitor.reason import Reason, Sentence
 
 DAMAGED = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})  # what SQLite says of a file that is not as it was written
 HISTORY = "history.sqlite"
 _NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
 _STAMP = "%Y%m%dT%H%M%SZ"
+
+NEWEST_LOST = Sentence("history_newest_lost", "the history has lost its newest entries ({why}); those recordings are judged anew")
+REPLACED = Sentence("history_replaced", "the history was damaged ({why}) and was replaced by the backup {backup}")
+BEGUN_ANEW = Sentence(
+    "history_begun_anew",
+    "the history was damaged ({why}) and was replaced by nothing: there was no good backup; recordings on disk are judged anew",
+)
+SET_ASIDE = Sentence("history_set_aside", "{outcome}; it was kept as {file}")
 
 
 class Restored(NamedTuple):
@@ -30,15 +39,12 @@ class Restored(NamedTuple):
     replaced: bool = True  # False: the file is sound and has lost its newest entries
 
     @property
-    def text(self) -> str:
-        """As a sentence."""
+    def reason(self) -> Reason:
+        """The outcome as a sentence."""
         if not self.replaced:
-            return f"the history has lost its newest entries ({self.why}); those recordings are judged anew"
-        source = (
-            f"the backup {self.backup.name}" if self.backup else "nothing: there was no good backup; recordings on disk are judged anew"
-        )
-        kept = f"; it was kept as {self.set_aside.name}" if self.set_aside else ""
-        return f"the history was damaged ({self.why}) and was replaced by {source}{kept}"
+            return NEWEST_LOST(why=self.why)
+        outcome = BEGUN_ANEW(why=self.why) if self.backup is None else REPLACED(why=self.why, backup=self.backup.name)
+        return outcome if self.set_aside is None else SET_ASIDE(outcome=outcome, file=self.set_aside.name)
 
 
 def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
@@ -182,7 +188,7 @@ def restore(directory: Path, why: str) -> Restored:
     aside = directory / f"damaged-{stamp}.sqlite"
     good = next((path for path in backups(directory) if fault(path) is None), None)
     try:
-        for suffix in ("-wal", "-shm"):  # they belong to the damaged file alone
+        for suffix in ("-wal", "-shm"):  # they belong to the damaged file
             with suppress(FileNotFoundError):
                 os.replace(directory / f"{HISTORY}{suffix}", f"{aside}{suffix}")
         is_there = (directory / HISTORY).exists()

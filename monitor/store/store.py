@@ -1,4 +1,4 @@
-"""The store of one robot's history: SQLite, with the recordings as Parquet beside it. One process writes at a time. I/O.
+"""The store of one robot's history: SQLite, with the recordings as Parquet files. One process writes at a time. I/O.
 
 Order of durability of one replay: ledger row `started` → motion under way → its end → recording (temporary file, fsync, rename) →
 ledger row `recorded` → assessment, belief, health and events in one transaction → publication. `Ledger.repair` settles what a crash
@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from monitor.errors import StoreError, StoreInUse
+from monitor.reason import Sentence
 from monitor.store.archive.archived import Archived, Retention
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
@@ -24,17 +25,17 @@ from monitor.store.history.duties import Duties
 from monitor.store.history.events import Changes, Events
 from monitor.store.history.ledger import Borrows, Ledger
 from monitor.store.history.maintenance import MaintenanceLog
-from monitor.store.history.motions import FirstPasses, Motions, Stops
+from monitor.store.history.motions import HISTORY_RESTORED, FirstPasses, Motions, Stops
 from monitor.store.history.production import ProductionLog
 
-RESTORED = "restored_untold"  # name of the note with the outcome of a restoration, until an alert reports it
-HISTORY_RESTORED = "history_restored"  # cause of the stop that a restored history is
+RESTORED = "restored_unreported"  # name of the note with the outcome of a restoration, until an alert reports it
+STOPS_LOST = Sentence(HISTORY_RESTORED, "{restored}; a stop that waited for a person, or a motion under way, may be lost with it")
 
 
 class Store:
     """One robot's history below one directory, put together from its parts over one connection.
 
-    Made by `Store.open` (the daemon: locked), `Store.reader` (commands: beside a running daemon) or `Store.beside`.
+    Made by `Store.open` (the daemon: locked), `Store.reader` (commands, also while a daemon runs) or `Store.shared`.
     """
 
     def __init__(self, directory: Path, connection: sqlite3.Connection, restored: Restored | None = None) -> None:
@@ -93,9 +94,8 @@ class Store:
             if store.restored is not None:
                 store.events.number_from(store.restored.at_unix_s)
                 store.changes.begin_another_history()
-                store.notes.set(RESTORED, store.restored.text)
-                text = "a stop that waited for a person, or a motion under way, may be lost with it"
-                store.stops.add(HISTORY_RESTORED, f"{store.restored.text}; {text}", store.restored.at_unix_s)
+                store.notes.set(RESTORED, store.restored.reason.text)
+                store.stops.add(HISTORY_RESTORED, STOPS_LOST(restored=store.restored.reason), store.restored.at_unix_s)
             yield store
         finally:
             if connection is not None:
@@ -127,8 +127,8 @@ class Store:
 
     @classmethod
     @contextmanager
-    def beside(cls, directory: Path) -> Iterator["Store"]:
-        """Open the store to write stops and first passes beside a daemon that may run; the ledger stays untouched.
+    def shared(cls, directory: Path) -> Iterator["Store"]:
+        """Open the store to write stops and first passes while a daemon may run; the ledger stays untouched.
 
         Raises StoreError where the directory cannot be written, or the file is damaged, newer or older.
         """

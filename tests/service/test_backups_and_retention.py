@@ -63,7 +63,7 @@ def test_a_damaged_history_is_set_aside_and_the_newest_good_backup_takes_its_pla
         assert store.restored is not None
         assert store.restored.backup == good
         assert store.restored.set_aside.is_file()
-        assert "***" not in store.restored.text  # the text states what is wrong, and not which database
+        assert "***" not in store.restored.reason.text  # the text states what is wrong, and not which database
         assert len(store.assessments.rows()) == 3
         commit(store, replayed(store, 9 * DAY))
         assert store.events.rows()[-1].seq > 1_000_000  # the damaged history may have used the next numbers
@@ -80,7 +80,7 @@ def test_a_lost_history_is_restored_from_its_backup_and_recordings_are_never_ove
     (tmp_path / HISTORY).unlink()
     with Store.open(tmp_path) as store:
         assert store.restored is not None
-        assert "gone" in store.restored.text
+        assert "gone" in store.restored.reason.text
         assert len(store.assessments.rows()) == 3
     for path in (tmp_path / "backups").iterdir():
         path.unlink()
@@ -104,7 +104,7 @@ def test_entries_lost_with_a_torn_log_are_detected_and_no_recording_is_overwritt
     with Store.open(copy) as store:
         assert [row.id for row in store.ledger.rows()] == [1]
         assert store.restored is not None
-        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.text
+        assert "lost its newest entries (1 recordings from replay 2 on" in store.restored.reason.text
         store.ledger.adopt(2, 2 * DAY, 3 * DAY)
         assert store.ledger.claim(3 * DAY, "scheduled", 3 * DAY) == 3
         store.ledger.end(3, "rejected", "a test", 3 * DAY)
@@ -119,7 +119,7 @@ def test_a_damaged_history_without_a_backup_is_kept_and_a_new_one_begins(tmp_pat
     with Store.open(tmp_path) as store:
         assert store.restored is not None
         assert store.restored.backup is None
-        assert "no good backup" in store.restored.text
+        assert "no good backup" in store.restored.reason.text
         assert [number for number, _ in store.ledger.orphans()] == [1, 2, 3]
         assert store.ledger.rows() == []
 
@@ -167,7 +167,7 @@ def test_files_that_root_makes_in_the_services_directory_belong_to_the_service(t
     """An administrator imports recordings or allows motion before the first start. The service must be able to write there later."""
     os.chown(tmp_path, 65534, 65534)
     history(tmp_path, 1)
-    with Store.beside(tmp_path) as store:
+    with Store.shared(tmp_path) as store:
         store.stops.allow("Ada", "seen", 1e9)
     back_up(tmp_path, 3)
     with Store.open(tmp_path):

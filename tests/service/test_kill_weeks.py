@@ -129,7 +129,7 @@ def contradictions(folder: Path, reported: set[int]) -> list[str]:
     found = [f"window {window} moved the arm {moved.count(window)} times" for window in set(moved) if moved.count(window) > 1]
     with Store.open(folder) as store:
         if store.restored is not None:
-            found.append(store.restored.text)
+            found.append(store.restored.reason.text)
         rows = store.ledger.rows()
         assessed = {row.id for row in rows if row.state == "assessed"}
         found += [f"replay {number} was said to be safe and is not" for number in sorted(reported - assessed)]

@@ -16,7 +16,7 @@ BEGIN = """
 import sys
 from pathlib import Path
 from monitor.store.store import Store
-with Store.beside(Path(sys.argv[1])) as store, store.motions.turn(1.0):
+with Store.shared(Path(sys.argv[1])) as store, store.motions.turn(1.0):
     store.motions.begin(ledger_id=None, host="10.0.0.5", serial="7", configured=False, first_pass=False, at_unix_s=1.0)
     print("moving", flush=True)
     sys.stdin.read()

@@ -126,7 +126,7 @@ def test_a_newer_history_is_refused_with_the_reason(tmp_path: Path):
     """A later schema is not opened, so it cannot be overwritten."""
     with Store.open(tmp_path) as store:
         store.database.connection.execute("PRAGMA user_version = 99")
-    for opened in (Store.open, Store.reader, Store.beside):
+    for opened in (Store.open, Store.reader, Store.shared):
         with pytest.raises(StoreError, match="newer"), opened(tmp_path):
             pass
 
@@ -137,7 +137,7 @@ def test_a_history_of_before_1_0_is_refused_with_what_to_do(tmp_path: Path, vers
     with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
         connection.executescript(f"CREATE TABLE ledger (id INTEGER PRIMARY KEY); PRAGMA user_version = {version}")
     before = (tmp_path / "history.sqlite").read_bytes()
-    for opened in (Store.open, Store.reader, Store.beside):
+    for opened in (Store.open, Store.reader, Store.shared):
         with (
             pytest.raises(OlderHistory, match=rf"before 1\.0 \(schema {version}\).*another one in.*joint-monitor import"),
             opened(tmp_path),
@@ -152,7 +152,7 @@ def test_another_programs_database_is_refused_and_stays_unchanged(tmp_path: Path
     with closing(sqlite3.connect(tmp_path / "history.sqlite")) as connection:
         connection.executescript(f"CREATE TABLE photo (name TEXT); PRAGMA user_version = {version}")
     before = (tmp_path / "history.sqlite").read_bytes()
-    for opened in (Store.open, Store.reader, Store.beside):
+    for opened in (Store.open, Store.reader, Store.shared):
         with pytest.raises(StoreError, match="another program's"), opened(tmp_path):
             pass
     assert (tmp_path / "history.sqlite").read_bytes() == before
@@ -219,10 +219,10 @@ def test_a_stop_waits_until_a_person_allows_motion_again(tmp_path: Path):
         store.ledger.end(ledger_id, "aborted", "joint 3 hit something", DAY + 1, stop="protective_stop")
         harmless = store.ledger.claim(2 * DAY, "scheduled", 2 * DAY)
         store.ledger.end(harmless, "aborted", "the cable was pulled", 2 * DAY)
-        with Store.beside(tmp_path) as beside:  # `joint-monitor replay` beside the daemon
+        with Store.shared(tmp_path) as beside:  # `joint-monitor replay` beside the daemon
             beside.stops.add("torque_band", "too heavy", 3 * DAY)
         assert [(stop.ledger_id, stop.cause) for stop in store.stops.waiting()] == [(ledger_id, "protective_stop"), (None, "torque_band")]
-        with Store.beside(tmp_path) as beside:  # `joint-monitor allow` beside the daemon
+        with Store.shared(tmp_path) as beside:  # `joint-monitor allow` beside the daemon
             assert len(beside.stops.allow("Ada", "looked at it", 4 * DAY)) == 2
             assert beside.stops.allow("Ada", "again", 5 * DAY) == []
         assert store.stops.waiting() == []

@@ -266,7 +266,7 @@ def copies(settings: ArchiveSettings, there: Sequence[tuple[int, ArchivedRecordi
 
 
 def _compared(local: Path, row: ArchivedRow) -> bool:
-    """True: the local file is what was archived. False: it is not there any more, since retention goes on beside whoever reads.
+    """True: the local file is what was archived. False: it is not there any more, since retention goes on while somebody reads.
 
     Raises ArchiveConflict where it is another, StoreError where it cannot be read.
     """

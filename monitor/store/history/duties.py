@@ -28,7 +28,7 @@ class SafetyStop:
     at_unix_s: float
     kind: str  # protective_stop, violation or fault
     ended_at_unix_s: float | None  # None: it stands, or nobody heard its end
-    joint: int | None  # from 1, where the controller told it
+    joint: int | None  # from 1, where the controller reported it
     code: str | None  # of the controller, e.g. C153A2
     during_replay: bool
 
@@ -99,7 +99,7 @@ class Duties:
             db.execute("UPDATE safety_stop SET ended_at_unix_s = ? WHERE ended_at_unix_s IS NULL", (float(at_unix_s),))
 
     def stop_explained(self, number: int, joint: int | None, code: str) -> None:
-        """Store what the controller told of a stop. Raises StoreError."""
+        """Store what the controller reported of a stop. Raises StoreError."""
         with self._db.transaction() as db:
             db.execute("UPDATE safety_stop SET joint = coalesce(joint, ?), code = coalesce(code, ?) WHERE id = ?", (joint, code, number))
 
@@ -122,7 +122,7 @@ class Duties:
         return int(count)
 
     def stops_by_joint(self) -> dict[int, int]:
-        """How many of the kept stops the controller blamed on each joint (from 1)."""
+        """How many of the kept stops the controller attributed to each joint (from 1)."""
         return dict(self._db.rows("SELECT joint, count(*) FROM safety_stop WHERE joint IS NOT NULL GROUP BY joint ORDER BY joint"))
 
     def inspected(self, item: str, done_at_unix_s: float, declared_at_unix_s: float, hours: float | None, by: str, why: str) -> None:

@@ -33,7 +33,7 @@ class Events:
     def revise(self, health: Mapping[str, Any], events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
         """Store changed alerts without a replay, in one transaction: the health after the change and its transitions, which get numbers.
 
-        Before the first assessment there is no state to keep them in: the alerts alone are kept, see `early_alerts`.
+        Before the first assessment there is no state to keep them in: only the alerts are kept, see `early_alerts`.
         """
         with self._db.transaction() as db:
             if db.execute("UPDATE state SET health = ?", (json_text(health),)).rowcount != 1:

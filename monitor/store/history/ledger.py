@@ -119,9 +119,9 @@ class Ledger:
     def tries(self, rows: Sequence[LedgerRow]) -> dict[int, list[Try]]:
         """The replays of these windows that ended early and were tried again, by the number of the window."""
         found: dict[int, list[Try]] = {row.id: [] for row in rows}
-        marks = ", ".join("?" * len(found))
+        places = ", ".join("?" * len(found))
         for ledger_id, number, at, cause, reason in self._db.rows(
-            f"SELECT ledger_id, number, ended_at_unix_s, cause, reason FROM try WHERE ledger_id IN ({marks}) ORDER BY number",  # noqa: S608
+            f"SELECT ledger_id, number, ended_at_unix_s, cause, reason FROM try WHERE ledger_id IN ({places}) ORDER BY number",  # noqa: S608
             tuple(found),
         ):
             found[ledger_id].append(Try(number=number, ended_at_unix_s=at, cause=cause, reason=reason_from(json.loads(reason))))
@@ -239,10 +239,10 @@ class Borrows:
 
     def of(self, rows: Sequence[LedgerRow]) -> dict[int, Borrow]:
         """The borrowings of these windows, by the number of the window."""
-        marks = ", ".join("?" * len(rows))
+        places = ", ".join("?" * len(rows))
         found = self._db.rows(
-            "SELECT ledger_id, due_since_unix_s, taken_at_unix_s, program, waited_s, given_back "  # noqa: S608 - marks alone are put in
-            f"FROM borrow WHERE ledger_id IN ({marks})",
+            "SELECT ledger_id, due_since_unix_s, taken_at_unix_s, program, waited_s, given_back "  # noqa: S608 - only places are put in
+            f"FROM borrow WHERE ledger_id IN ({places})",
             tuple(row.id for row in rows),
         )
         keys = ("ledger_id", "due_since_unix_s", "taken_at_unix_s", "program", "waited_s")

@@ -1,4 +1,4 @@
-"""Work on joints as it was declared, with its outcome; and the estimator's state as people amended it between two replays. I/O."""
+"""Maintenance of joints as it was declared, with its outcome; and the estimator's state as people amended it between two replays. I/O."""
 
 import json
 import sqlite3
@@ -16,13 +16,13 @@ _KEYS = ("id", "ledger_id", "joint", "declared_at_unix_s", "document", "undone_a
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MaintenanceRow:
-    """Work on one joint."""
+    """Maintenance of one joint."""
 
     id: int
     ledger_id: int | None  # the replay whose context declared it; None: a person did
     joint: int
     declared_at_unix_s: float
-    document: dict[str, Any]  # of `judge.drift.maintenance.Work`
+    document: dict[str, Any]  # of `judge.drift.maintenance.Maintenance`
     undone_at_unix_s: float | None
     undone_by: str | None
     undone_why: str | None
@@ -35,20 +35,20 @@ class MaintenanceRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Amendment:
-    """When the estimator's state was changed between two replays. `Works.amended` has the state after it."""
+    """When the estimator's state was changed between two replays. `MaintenanceLog.amended` has the state after it."""
 
     id: int
     at_unix_s: float
 
 
 class MaintenanceLog:
-    """Work on joints, in the order in which it was declared."""
+    """Maintenance of joints, in the order in which it was declared."""
 
     def __init__(self, database: Database) -> None:
         self._db = database
 
     def rows(self, *, joint: int | None = None) -> list[MaintenanceRow]:
-        """All works, of one joint (from 1) or of all, the oldest declaration first; those that were taken back included."""
+        """All maintenance, of one joint (from 1) or of all, the oldest declaration first; those that were taken back included."""
         where, values = ("", ()) if joint is None else ("WHERE joint = ?", (joint,))
         rows = self._db.rows(f"SELECT {', '.join(_KEYS)} FROM maintenance {where} ORDER BY id", values)  # noqa: S608 - fixed names
         return [MaintenanceRow(**dict(zip(_KEYS, row, strict=True)) | {"document": json.loads(row[4])}) for row in rows]
@@ -56,7 +56,7 @@ class MaintenanceLog:
     def declare(
         self, act: Mapping[str, Any], before: Documents, after: Documents, events: Sequence[Mapping[str, Any]], at_unix_s: float
     ) -> list[AlertEvent]:
-        """Store work that a person declares, the state after it, and the transitions that follow, in one transaction.
+        """Store maintenance that a person declares, the state after it, and the transitions that follow, in one transaction.
 
         before : the state that taking it back returns to. Raises StoreError before the first assessment, or where the disk refuses.
         """
@@ -70,7 +70,7 @@ class MaintenanceLog:
     def undo(
         self, row: MaintenanceRow, by: str, why: str, after: Documents, events: Sequence[Mapping[str, Any]], at_unix_s: float
     ) -> list[AlertEvent]:
-        """Take work back: the state after that and the transitions that follow, in one transaction. Raises as `declare`."""
+        """Take maintenance back: the state after that and the transitions that follow, in one transaction. Raises as `declare`."""
         with self._db.transaction() as db:
             db.execute(
                 "UPDATE maintenance SET undone_at_unix_s = ?, undone_by = ?, undone_why = ?, belief_before = NULL, health_before = NULL "
@@ -80,7 +80,7 @@ class MaintenanceLog:
             return _amend(db, after, events, at_unix_s)
 
     def before(self, row: MaintenanceRow) -> tuple[dict[str, Any], dict[str, Any]] | None:
-        """Belief and health before a person declared this work; None where they are not kept."""
+        """Belief and health before a person declared this maintenance; None where they are not kept."""
         ((belief, health),) = self._db.rows("SELECT belief_before, health_before FROM maintenance WHERE id = ?", (row.id,))
         return None if belief is None else (unpacked(belief), unpacked(health))
 
@@ -95,7 +95,7 @@ class MaintenanceLog:
 
 
 def insert_maintenance(db: sqlite3.Connection, ledger_id: int, maintenance: Sequence[Mapping[str, Any]]) -> None:
-    """Inside the transaction of an assessment: the works that its context declares first, and the outcomes of those that it judges."""
+    """Inside the transaction of an assessment: maintenance that its context declares first, and outcomes that it judges."""
     for act in maintenance:
         known = "joint = ? AND declared_at_unix_s = ? AND undone_at_unix_s IS NULL"
         key = (int(act["joint"]), float(act["declared_at_unix_s"]))

@@ -26,8 +26,10 @@ LEFT = "arm_left"  # name of the note that says how the last motion left the arm
 ANOTHER_ARM = "another_arm"  # the cause of the stop that another serial number than the expected one is
 # causes that no replay ended by: their reason is the whole sentence
 WAY_BACK = "way_back"  # of the entry that a person made of a way back
-STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, WAY_BACK, UNKNOWN_END, "history_restored"})
+HISTORY_RESTORED = "history_restored"  # of the stop that a restored history is
+STANDING_BY_THEMSELVES = frozenset({ANOTHER_ARM, WAY_BACK, UNKNOWN_END, HISTORY_RESTORED})
 
+LET_BACK = Sentence(WAY_BACK, "a person lets the arm be brought back: {back}")
 ARM_BUSY = Sentence("arm_moved_by_another", "{directory}: another joint-monitor moves this arm now")
 STOP_CAME = Sentence("stop_came", "a stop waits for a person; it came while this motion was prepared")
 STOPPED = Sentence("replay_stopped", "replay {replay} was ended by {cause}: {reason}")

@@ -1,4 +1,4 @@
-"""What ordinary work has told: the sums that are being gathered, and every observation that was judged. I/O."""
+"""Friction from production: the sums that are being gathered, and every observation that was judged. I/O."""
 
 import json
 import sqlite3
@@ -20,14 +20,14 @@ class DayOfProduction:
 
     day: int  # counted from 1970-01-01
     at_unix_s: float  # when it was judged
-    document: dict[str, Any]  # of `judge.production_observation.WorkObservation`
+    document: dict[str, Any]  # of `judge.production_observation.ProductionObservation`
     context: dict[str, Any]  # of `recording.Context`
     learnt: tuple[int, ...]  # joints (from 1) that the judge learned from
     made_with: str  # digest of the provenance
 
 
 class ProductionLog:
-    """Observations from ordinary work, one a UTC day at most."""
+    """Observations from production, one a UTC day at most."""
 
     def __init__(self, database: Database) -> None:
         self._db = database
@@ -64,12 +64,12 @@ class ProductionLog:
                     (row.day, row.at_unix_s, json_text(row.document), json_text(row.context), json.dumps(row.learnt), digest),
                 )
             except sqlite3.IntegrityError:
-                raise StoreError(f"the work of day {row.day} is judged already") from None
+                raise StoreError(f"production of day {row.day} is judged already") from None
             changed = db.execute(
                 "UPDATE state SET revision = revision + 1, belief = ?, health = ?", (json_text(belief), json_text(health))
             ).rowcount
             if changed != 1:
-                raise StoreError("work cannot be judged before the first replay was assessed")
+                raise StoreError("production cannot be judged before the first replay was assessed")
             _keep(db, information, row.at_unix_s)
             return insert_events(db, None, row.at_unix_s, events)
 
