@@ -3,16 +3,15 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Six on two cores: two have an arm in real time, one mostly waits, three compute or wait for a browser. Where an arm may not go before all
-# other work, and on one processor, there is one arm, and with a second worker that computes its replays were late: three.
-WORKERS ?= $(shell chrt --rr 20 true 2>/dev/null && test $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc) -gt 1 && echo 6 || echo 3)
+# on two cores: two have an arm in real time, the others compute, or wait for a client or a browser
+WORKERS ?= 5
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo user deb test docs texts pictures card lint bench soak excitations install uninstall clean
+.PHONY: help demo user deb quick test docs texts pictures card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -25,6 +24,9 @@ $(STAMP): pyproject.toml constraints.txt
 
 demo: $(STAMP) ## the main job: a simulated UR5 whose joint wears, watched for weeks in about two minutes
 	$(BIN)/joint-monitor demo
+
+quick: $(STAMP) ## what needs no process and no socket, in a minute
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak and not slow" $(addprefix tests/,model identify judge design store test_reason.py)
 
 test: $(STAMP) ## the whole ordinary suite
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not soak"

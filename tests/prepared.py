@@ -11,6 +11,7 @@ import ctypes
 import inspect
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -18,8 +19,6 @@ import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-
-import real_time
 
 from monitor.acquire import child as process
 
@@ -32,10 +31,12 @@ IMPORTS = {
     # what the module imports, and not itself: it is run as a program
     "stream": ("monitor.acquire.ur.lend", "monitor.acquire.ur.upload", "monitor.acquire.driver"),
 }
-KINDS = {"monitor.simulate": "simulate", real_time.STREAMS: "stream"}  # by the module that is run; else "monitor"
+STREAMS = "monitor.acquire.ur.stream"
+KINDS = {"monitor.simulate": "simulate", STREAMS: "stream"}  # by the module that is run; else "monitor"
 # what a prepared process cannot do otherwise
 PLAIN = {"preexec_fn": None, "executable": None, "close_fds": True, "shell": False, "restore_signals": True, "umask": -1}
 PLAIN |= {"process_group": -1, "uid": None, "gid": None, "gids": None}
+real_time = False  # whether arms and streams that are started now go before other work, where the system permits it
 _adopting = threading.Lock()  # one start at a time, of whatever kind: whether orphans are adopted is a state of this whole process
 
 
@@ -96,6 +97,13 @@ def _preparation(kind: str) -> _Preparation:
         return _prepared[kind]
 
 
+def permitted() -> bool:
+    """Whether the system lets a process of ours go before others."""
+    return (
+        subprocess.run(["chrt", "--rr", "20", "true"], capture_output=True, check=False).returncode == 0 if shutil.which("chrt") else False
+    )
+
+
 def waiting() -> set[int]:
     """The ids of the processes that only wait to be forked: children of this process too."""
     return {preparation.pid for preparation in _prepared.values()}
@@ -122,7 +130,7 @@ class Process(subprocess.Popen):
             "environment": environment,
             "niceness": os.nice(0),
             "policy": os.sched_getscheduler(0),
-            "real_time": real_time.wanted,
+            "real_time": real_time,
             "session": how["start_new_session"],
             "descriptors": [int(number) for number in how["pass_fds"]],
         }
@@ -142,10 +150,9 @@ def run(command: list[str], timeout_s: float, cwd: Path | None = None) -> "subpr
     return subprocess.CompletedProcess(command, process.returncode, output, errors)
 
 
-def prepare_streams() -> None:
-    """From now on, what streams targets for this process is started like a `Process`; its other children as everywhere."""
+def _start(command: list[str], **how: Any) -> "subprocess.Popen[bytes]":
+    """What streams targets for this process is started like a `Process`; its other children as everywhere."""
+    return (Process if command[2] == STREAMS else subprocess.Popen)(command, **how)
 
-    def start(command: list[str], **how: Any) -> "subprocess.Popen[bytes]":
-        return (Process if command[2] == real_time.STREAMS else subprocess.Popen)(command, **how)
 
-    process.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": start})  # type: ignore[assignment]
+process.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": _start})  # type: ignore[assignment]

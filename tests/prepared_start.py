@@ -1,12 +1,9 @@
 """The other side of `prepared.py`: import what is named, then fork for each request and run what it asks for.
 
-After `--tests` stand the paths of tests: these are read.
-
 The forked process is forked twice, and the one between them ends: so the new process becomes a child of the test's process, which has
 asked the kernel for that, and which waits for it like for any other child.
 """
 
-import atexit
 import fcntl
 import gc
 import importlib
@@ -17,23 +14,18 @@ import socket
 import sys
 import time
 import types
+from contextlib import suppress
 from typing import Any
 
-import real_time
-
 DESCRIPTORS_MAX = 8  # of one request: the standard streams, and what else the process gets
-PRIORITIES = {"monitor.simulate": real_time.ARM, real_time.STREAMS: real_time.STREAM}  # by the module that is run
+PRIORITIES = {"monitor.simulate": 20, "monitor.acquire.ur.stream": 19}  # of SCHED_RR: the arm goes before its client, both before others
 
 
 def main() -> None:
     """Fork for each request until the other side ends; only forked processes return from `requests`."""
     wire = socket.socket(fileno=int(sys.argv[1]))
-    if sys.argv[2] == "--tests":
-        atexit.register(leave)  # what is registered first runs last
-        importlib.import_module("forked_workers").read(sys.argv[3:])
-    else:
-        for name in sys.argv[2:]:
-            importlib.import_module(name)
+    for name in sys.argv[2:]:
+        importlib.import_module(name)
     gc.collect()
     gc.freeze()
     try:
@@ -43,13 +35,6 @@ def main() -> None:
         request = None
     if request is not None:
         become(request)
-
-
-def leave() -> None:
-    """End at once. To take down all that the tests have imported costs 3 s of processor time, once a worker."""
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    os._exit(0)
 
 
 def requests(wire: socket.socket) -> dict[str, Any] | None:
@@ -95,14 +80,11 @@ def put(streams: list[int], numbers: list[int]) -> None:
 def become(request: dict[str, Any]) -> None:
     """Do in this process what `python` does with these arguments. Its standard streams are there: they read and write the same numbers."""
     what, *rest = request["arguments"]
-    real_time.wanted = request["real_time"]
-    preferred = PRIORITIES.get(rest[0]) if what == "-m" and real_time.wanted else None
-    if preferred is not None:
-        real_time.give(0, preferred)
-    # whoever asked may have given that priority already: it is not lost for a moment, in which others would go before
-    given = preferred is not None and os.sched_getscheduler(0) == os.SCHED_RR
-    if not given and request["policy"] != os.sched_getscheduler(0):
+    if request["policy"] != os.sched_getscheduler(0):
         os.sched_setscheduler(0, request["policy"], os.sched_param(0))
+    if what == "-m" and rest[0] in PRIORITIES and request["real_time"]:
+        with suppress(OSError):  # where the system permits none
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITIES[rest[0]]))
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
     if request["session"]:

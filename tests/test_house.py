@@ -1,7 +1,6 @@
 """The map in `monitor/__init__.py` against the linter's contracts and the folder itself."""
 
 import ast
-import os
 import re
 import shutil
 import subprocess
@@ -9,7 +8,6 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import real_time
 
 import monitor
 
@@ -132,34 +130,6 @@ def test_every_room_has_a_docstring():
         assert face.read_text("utf-8").startswith('"""'), face
 
 
-def test_every_module_that_the_suite_puts_in_a_group_exists(request):
-    """A name that was left behind when a module was moved would put it beside the arm in real time."""
-    suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
-    assert set(suite.ONE_ARM).isdisjoint(suite.ANOTHER_ARM)
-    assert set(suite.REAL_TIME).isdisjoint(suite.WAITING)
-    assert [place for place in (*suite.REAL_TIME, *suite.WAITING) if not (ROOT / "tests" / place).is_file()] == []
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux says on which processors a process may run")
-def test_there_are_six_workers_only_where_two_arms_stand_beside_each_other(monkeypatch):
-    """By the permission for real-time priority, and the processors that this process may use: as the suite itself asks."""
-    for name in ("WORKERS", "MAKEFLAGS", "MAKEOVERRIDES"):  # of `make test` with another number
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # of which nproc makes one processor
-    ours = os.sched_getaffinity(0)
-
-    def workers():
-        recipe = subprocess.run(["make", "--dry-run", "test"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-        return int(re.search(r"pytest -n (\d+)", recipe)[1])
-
-    assert workers() == (6 if real_time.permitted() and len(ours) > 1 else 3)
-    try:
-        os.sched_setaffinity(0, {min(ours)})
-        assert workers() == 3
-    finally:
-        os.sched_setaffinity(0, ours)
-
-
 def test_no_test_imports_a_conftest():
     """There are several of that name, and which one is found depends on which folder was read first."""
     imported = re.compile(r"^\s*(from|import) conftest\b", re.MULTILINE)
@@ -198,30 +168,24 @@ def test_no_test_imports_a_private_name_of_the_program():
     assert {path: names for path, names in used.items() if names} == {}
 
 
-def test_no_two_tests_listen_at_one_address_at_a_time(request):
-    """A module that names loopback addresses of its own runs on one worker; an address of two modules has both in one chain."""
-    suite = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
-    owners, chains = {}, {"one arm": suite.ONE_ARM, "another arm": suite.ANOTHER_ARM, "waiting": suite.WAITING}
+def test_no_two_modules_listen_at_one_address():
+    """A module runs on one worker; 127.0.0.1 is everybody's, with ports that the kernel chooses."""
+    owners = {}
     for module in sorted((ROOT / "tests").rglob("test_*.py")):
-        place = module.relative_to(ROOT / "tests").as_posix()
-        chain = next((name for name, listed in chains.items() if place in listed), place)
-        for address in suite.addresses(module):
-            owners.setdefault(address, set()).add(chain)
+        for address in set(re.findall(r"127\.(?!0\.0\.)\d+\.\d+\.\d+", module.read_text("utf-8"))):
+            owners.setdefault(address, []).append(module.name)
+    assert ["test_robot_api.py"] in owners.values()
     assert {address: several for address, several in owners.items() if len(several) > 1} == {}
-    assert "acquire/test_robot_api.py" in set().union(*owners.values())
-    groups = {item.path: item.get_closest_marker("xdist_group") for item in request.session.items if suite.addresses(item.path)}
-    assert [path for path, group in groups.items() if group is None] == []
 
 
-def test_whatever_moves_an_arm_in_real_time_is_in_a_chain_of_arms(request):
-    """Many beside each other would be late: a module that starts an arm and replays on it is in one of two lists of the suite."""
-    listed = request.config.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py")).REAL_TIME
+def test_whatever_moves_an_arm_in_real_time_is_marked():
+    """Many beside each other would be late: a module that starts an arm and replays on it has the mark `real_time`."""
     starts = re.compile(r"\bsimulated_arm\(|replaying\(|Simulated\(|\bSpawned\(")
     replays = re.compile(r"monitor\.acquire\.replay import [^\n]*\breplay\b|replaying\(|\"replay\"|\"--now\"")
     for path in sorted((ROOT / "tests").glob("*/test_*.py")):
         text = path.read_text("utf-8")
         if starts.search(text) and replays.search(text):
-            assert path.relative_to(ROOT / "tests").as_posix() in listed, path
+            assert "mark.real_time" in text, path
 
 
 FOLDERS = {".ci", "config", "deploy", "docs", "monitor", "tests"}

@@ -12,6 +12,8 @@ from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 START = short().at(np.zeros(1)).q[0]
 TWO_TURNS = 4.0 * np.pi
 

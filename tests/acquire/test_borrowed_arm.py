@@ -18,6 +18,8 @@ from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 
+pytestmark = pytest.mark.real_time
+
 UR5 = load_robot("ur5")
 STOP_WITHIN_S = 0.25  # of the arm's own clock
 

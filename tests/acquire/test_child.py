@@ -22,6 +22,8 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.model.robot import load_robot
 
+pytestmark = pytest.mark.real_time
+
 ANSWERS = {
     "get robot model": "UR5",
     "get serial number": "2016331234",

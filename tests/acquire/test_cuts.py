@@ -27,6 +27,8 @@ from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 UR5 = load_robot("ur5")
 PHASES = {"control": 0.15, "approach": 0.5, "settle": 0.1, "play": 0.9, "return": 0.4, "finish": 0.35}  # within: the cut, at the latest
 TAKING_CONTROL_S = 0.4  # from the first program that is sent to the second

@@ -29,6 +29,8 @@ from monitor.model.robot import load_robot
 from monitor.reason import ANYTHING
 from monitor.recording import Context
 
+pytestmark = pytest.mark.real_time
+
 UR5 = load_robot("ur5")
 SETTINGS = ReplaySettings(host="127.0.0.1", allow_motion=True)
 DONE = {"kind": "done", "torn_reads": 0, "slipped_s": 0.0, "longest_gap_s": 0.008, "real_time": False}

@@ -22,6 +22,8 @@ from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
 from monitor.simulate.faults import FAULTS as KNOWN
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).parent.parent.parent
 UR5 = load_robot("ur5")
 LAST = Case("clear")  # changes nothing: the replay after the last fault

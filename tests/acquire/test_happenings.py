@@ -22,6 +22,8 @@ from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 DONE = "done"
 UR5 = load_robot("ur5")
 ASIDE = [0.3, -1.4, 0.3, -1.3, 0.2, -0.2]

@@ -14,6 +14,8 @@ from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 UR5 = load_robot("ur5")
 PAYLOAD_KG, PAYLOAD_COG_M = 1.0, (0.0, 0.0, 0.05)  # the simulator's own centre of a payload
 BEFORE: tuple[tuple[str, str, dict[str, Any]], ...] = (  # the condition, and the fault that is there before the motion
@@ -41,7 +43,7 @@ def try_to_move(host: str) -> None:
 
 def test_what_stands_against_a_motion_refuses_it_by_its_condition_and_nothing_starts():
     """One after the other on an arm as recorded. No program of ours is started, nobody's program is stopped, and the arm stands."""
-    with simulated_arm("127.0.2.61", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host:
+    with simulated_arm("127.0.2.64", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host:
         for condition, fault, arguments in BEFORE:
             restore(host)
             with Remote(host) as remote:

@@ -20,6 +20,8 @@ from monitor.acquire.ur import primary
 from monitor.acquire.ur.software import understood
 from monitor.model.robot import load_robot
 
+pytestmark = pytest.mark.real_time
+
 WIDE = JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)
 
 

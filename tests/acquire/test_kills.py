@@ -6,11 +6,14 @@ import signal
 import time
 
 import numpy as np
+import pytest
 from processes import alive, children, replaying
 from simulated_arm import ASIDE, simulated_arm
 
 from monitor.acquire.ur.dashboard import Dashboard
 from monitor.simulate.remote import Remote
+
+pytestmark = pytest.mark.real_time
 
 TOO_EARLY, ATTEMPTS = "before the kill", 4  # a replay that the machine's other work ended says nothing of kills
 

@@ -13,6 +13,8 @@ import pytest
 
 from monitor.acquire.ur.last_resorts import NUMBERS, RETURN_ALLOW, RETURN_KILL_PROCESS, filter_program
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).parent.parent.parent
 FORBIDDEN = """
 import os, socket, sys, threading, time

@@ -10,6 +10,8 @@ from simulated_arm import simulated_arm
 
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 HOST = "127.0.2.93"
 WITHIN_S = 0.25  # of the arm's own clock, from the first contact until the stop is in force
 

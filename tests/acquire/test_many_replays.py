@@ -14,6 +14,8 @@ from monitor.acquire.settings import ReplaySettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
 
+pytestmark = pytest.mark.real_time
+
 ROOT = Path(__file__).parent.parent.parent
 
 

@@ -17,6 +17,8 @@ from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 PORT = 18080
 DRIVER = UniversalRobots(robot_api_port=PORT)
 UR5E = load_robot("ur5e")

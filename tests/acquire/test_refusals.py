@@ -29,6 +29,8 @@ from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.simulate.remote import Remote
 
+pytestmark = pytest.mark.real_time
+
 
 def by_name(known: ConditionInputs) -> dict[str, ConditionResult]:
     return {condition.name: condition for condition in conditions(known)}

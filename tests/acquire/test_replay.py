@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import real_time
 from excitations import short
-from prepared import Process
+from prepared import STREAMS, Process, permitted
 from processes import children
 from simulated_arm import AT_START, known_gains
 
@@ -29,6 +28,8 @@ from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import load_robot
 from monitor.recording import Context
 from monitor.simulate.remote import Remote
+
+pytestmark = pytest.mark.real_time
 
 ROOT = Path(__file__).parent.parent.parent
 UR5 = load_robot("ur5")
@@ -149,12 +150,12 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
 
 def test_an_arm_and_what_sends_its_targets_go_before_other_production_where_the_system_permits_it(arm):
     """Neither is late because of another test, or of what else the machine does; where nothing is permitted both are as this process is."""
-    child = Child(real_time.STREAMS, {})
+    child = Child(STREAMS, {})
     try:
         found = [os.sched_getscheduler(pid) for pid in (arm.process.pid, child._process.pid)]
     finally:
         child.end()
-    assert found == [os.SCHED_RR if real_time.permitted() else os.sched_getscheduler(0)] * 2
+    assert found == [os.SCHED_RR if permitted() else os.sched_getscheduler(0)] * 2
 
 
 def test_an_e_series_arm_is_recorded_at_125_hz_too():

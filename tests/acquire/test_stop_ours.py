@@ -12,7 +12,9 @@ from monitor.acquire.driver import OurProgram
 from monitor.acquire.ur.conversation import stop_program
 from monitor.acquire.ur.dashboard import PORT
 
-HOST = "127.0.2.61"
+pytestmark = pytest.mark.real_time
+
+HOST = "127.0.2.65"
 BESIDE = tuple(f"127.0.68.{number}" for number in range(1, 6))  # where handovers are tried at the same time
 
 

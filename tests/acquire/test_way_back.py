@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 from excitations import short
 from simulated_arm import simulated_arm
 
@@ -15,6 +16,8 @@ from monitor.model.fourier import Excitation
 from monitor.service.motion import move
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
+
+pytestmark = pytest.mark.real_time
 
 FAR = short(period_s=5.0, amplitude_rad=1.2)
 HOME = FAR.at(np.zeros(1)).q[0] + 0.05

@@ -26,6 +26,8 @@ from monitor.publish.session import session_config
 from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
+pytestmark = pytest.mark.real_time
+
 PROGRAM = (sys.executable, "-m", "monitor")
 HOST = f"127.0.6.{10 + int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0')[2:])}"
 

@@ -440,7 +440,6 @@ ALERTS: dict[str, tuple[str, ...]] = {  # each condition (`judge.alerts`)
         "service/test_own_alerts.py::test_thirty_five_days_without_a_verdict_are_no_green_normal",
         "judge/test_rules.py::test_joints_without_a_replay_for_a_week_are_stale",
     ),
-    "nothing_learnt": ("service/test_own_alerts.py::test_an_alert_of_the_name_of_0_2_0_is_continued_and_clears",),
     "unheard": ("service/test_own_alerts.py::test_an_arm_that_is_not_heard_is_an_alert_after_two_windows_and_it_survives_restarts",),
 }
 

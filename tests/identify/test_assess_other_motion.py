@@ -39,6 +39,7 @@ def raised(recordings):
     return conditions, last
 
 
+@pytest.mark.slow
 def test_another_motion_that_reads_less_friction_is_no_falling_friction(files):
     """Its baseline is its own. Were both taken for one motion, the joints' friction would be said to have fallen."""
     one_name = [replace(one, context=replace(one.context, trajectory_digest="one")) for one in files]

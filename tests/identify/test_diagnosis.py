@@ -79,6 +79,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.slow
 def test_what_bends_friction_is_told(fault):
     """Each fault has the warning that names it, and the joint."""
     recording, code, text = FAULTS[fault]

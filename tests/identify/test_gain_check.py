@@ -69,6 +69,7 @@ def test_a_gain_of_a_joint_that_carries_no_weight_blames_no_other_joint(factor):
         ),
     ],
 )
+@pytest.mark.slow
 def test_a_sound_simulated_arms_gains_are_not_doubted(model, mounting, payload_kg):
     """Of each size, with a payload up to the rated one that no identification is told of, on floor and wall; four are in the soak."""
     robot, where = load_robot(model), Mounting.parse(mounting)
@@ -85,6 +86,7 @@ def read(real_data, name):
 
 @pytest.mark.parametrize("options", [{}, {"friction": "auto"}, {"method": "robust", "friction": "auto"}, {"method": "consistent"}])
 @pytest.mark.parametrize("name", [*UNLOADED, LOADED])
+@pytest.mark.slow
 def test_a_real_arms_gains_are_not_doubted_with_and_without_a_payload(real_data, name, options):
     """The gains are those of another arm, and the payload of the last recording is not declared.
 
@@ -94,6 +96,7 @@ def test_a_real_arms_gains_are_not_doubted_with_and_without_a_payload(real_data,
 
 
 @pytest.mark.parametrize("name", [*UNLOADED, LOADED])
+@pytest.mark.slow
 def test_a_gain_that_is_a_fifth_too_large_is_told_of_a_real_arm(real_data, name):
     """Of joint 2 or 3 alone by the other joints, whatever the arm carries; of all joints by the published masses."""
     recording, robot = read(real_data, name), load_robot("ur10e")

@@ -40,6 +40,7 @@ def pair():
     return run(0.0, 1), run(PAYLOAD_KG, 2)
 
 
+@pytest.mark.slow
 def test_gains_of_a_simulated_arm_are_found_within_3_percent(pair):
     """Every joint within 3 %, and within four of its own standard deviations, which are below 5 %."""
     found = payload_gains(*pair, UR5, GROUND, PAYLOAD_KG, COM_M)

@@ -114,6 +114,7 @@ def test_auto_selects_the_papers_law_where_it_is_right_and_a_richer_one_elsewher
     assert geared.held_out["concave"] < geared.held_out["load"] < geared.held_out["paper"]
 
 
+@pytest.mark.slow
 def test_frozen_rigid_parameters_are_kept_and_steady_friction():
     """They and their covariance return bit for bit; friction over ten noisy replays scatters less than with all parameters free."""
     truth_ = truth(UR5)

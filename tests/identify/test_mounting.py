@@ -51,6 +51,7 @@ def replayed(request):
 
 
 @pytest.mark.parametrize("configured", ["ground", "ceiling", "wall"])
+@pytest.mark.slow
 def test_a_simulated_arm_contradicts_every_wrong_mounting_and_no_right_one(replayed, configured):
     """All nine pairs: the warning comes for the six wrong ones, with the right name and the angle to 3°.
 
@@ -124,6 +125,7 @@ def test_too_few_samples_give_no_warning():
 
 
 @pytest.mark.parametrize("name", ["12-50sec_12harm", "10-30sec_12harm", "19_14harm50sec", "19_14harm50secLoad"])
+@pytest.mark.slow
 def test_the_real_ur10e_stands_on_the_ground(real_data, name):
     """Four recordings, one with a payload: up within half a degree of the base's z, and a wall or a ceiling is contradicted."""
     name = f"ur-20_02_{name}.csv"

@@ -105,6 +105,7 @@ def test_ur10e_fits_within_2_percent_of_the_unconstrained_fit(real_data):
     loads(found)
 
 
+@pytest.mark.slow
 def test_a_simulated_replay_fits_within_2_percent(ur5_replay):
     """The simulator's friction is none of the laws, so there is misfit, but not by the constraints."""
     joints, weights, base = fitted(load_robot("ur5"), GROUND, [ur5_replay])

@@ -137,6 +137,7 @@ def test_information_of_another_arm_or_payload_is_not_added(usual):
 # --- estimates ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_intervals_hold_what_a_replay_at_that_temperature_and_wear_finds():
     """Nine cells at three rates, other speeds, other temperatures and wear than in the replay: unbiased, and 90 % of 90 % intervals hold.
 
@@ -243,6 +244,7 @@ def test_a_declared_load_whose_centre_nobody_knows_is_less_sure_and_right():
 
 @pytest.mark.parametrize("declared", [None, (0.0,) * 6])
 @pytest.mark.parametrize("rate_hz", [10.0, 125.0])
+@pytest.mark.slow
 def test_an_undeclared_kilogram_is_left_out(declared, rate_hz):
     """Whether the controller reports its payload or not, in half of the moves or in all: what counts is right."""
     found = told(Cell(carried_kg=HALF, declared_kg=declared, rate_hz=rate_hz))

@@ -37,6 +37,7 @@ def of_production(recording, arm):
     return estimate(gather(ProductionRows(recording=recording), arm, SETTINGS), arm.identification, SETTINGS, 0.0)
 
 
+@pytest.mark.slow
 def test_intervals_of_production_hold_what_the_other_run_finds_itself(ur10e):
     """Six pairs of runs, 36 intervals of 90 %: 30 hold the value that the run at work identifies from itself; every joint is known.
 

@@ -125,6 +125,7 @@ def ur10e_auto(ur10e):
 
 
 @pytest.mark.parametrize("name", HELD_OUT)
+@pytest.mark.slow
 def test_ur10e_richer_friction_halves_the_papers_error(ur10e, ur10e_auto, name):
     """Pooled RMS at most half of plain LS in the same run, at least 93 % below the manufacturer's; wrists at most 7.5 %.
 

@@ -52,6 +52,7 @@ def test_known_ripple_is_within_its_deviation():
 
 
 @pytest.mark.parametrize("every", [2, 3, 4, 5])
+@pytest.mark.slow
 def test_intervals_are_honest_at_low_rates(every):
     """At 62, 42, 31 and 25 Hz, where orders hide, ripple is aliased and blocks are few: of what is quoted, 85 % or more hold the truth."""
     inside, errors = [], []

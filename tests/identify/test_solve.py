@@ -187,6 +187,7 @@ def test_a_joint_that_stands_still_has_no_friction_to_report(method, friction):
     ],
     ids=["warming", "simulator", "payload", "sign", "rate"],
 )
+@pytest.mark.slow
 def test_every_circumstance_has_its_warning(change, code):
     """Each circumstance has its warning, and the undisturbed recording has none of them."""
     sound = recording(truth(UR5))

@@ -79,6 +79,7 @@ TOLD = {"current_stuck", "current_held", "current_saturated", "gain_doubtful", "
 
 @pytest.mark.parametrize("bad", BAD_CURRENTS)
 @pytest.mark.parametrize("others_at_rest", [False, True])
+@pytest.mark.slow
 def test_a_joint_whose_current_is_bad_is_told_among_sweeps(sweeps, bad, others_at_rest):
     """Columns of one recording are zero in another one; nothing about that ends in a traceback."""
     recordings = [at_rest_but_for(sweeps[j], j) if others_at_rest else sweeps[j] for j in (1, 4, 5)]
@@ -138,6 +139,7 @@ def test_ten_minutes_at_500_hz_take_less_than_a_gigabyte():
     assert grown_mb(300_000) < 800.0
 
 
+@pytest.mark.slow
 def test_a_long_recording_takes_no_table_of_all_its_rows():
     """40 000 rows of 54 columns on six joints would be 104 MB, and five of them were held at once: 520 MB."""
     assert grown_mb(40_000) < 300.0

@@ -32,6 +32,7 @@ def a_year(seed: int, *, days: int = 150, wear: dict[int, np.ndarray] | None = N
     return [arm.replay(weather(day, rng), (wear or {}).get(day, 0.0)) for day in range(days)]
 
 
+@pytest.mark.slow
 def test_outliers_do_not_raise_the_estimated_noise():
     """Joint 3 is 35 % off every 15 days: its estimated noise is that of the same days without outliers, within 8 %."""
     wild = {day: np.array([0, 0, 0.35, 0, 0, 0]) for day in range(30, 150, 15)}
@@ -41,6 +42,7 @@ def test_outliers_do_not_raise_the_estimated_noise():
     assert shaken[2] / calm[2] == pytest.approx(1.0, abs=0.08)
 
 
+@pytest.mark.slow
 def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
     """Every tenth replay is 15 K colder without a temperature: the estimated noise is that of the other replays, within 8 %."""
     seen = a_year(4)
@@ -50,6 +52,7 @@ def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
     assert np.allclose(blind / calm, 1.0, atol=0.08)
 
 
+@pytest.mark.slow
 def test_a_step_among_the_first_replays_belongs_to_the_baseline():
     """+7 % from the third replay on. As wear, its uncertainty would stay at 4 %, and later wear would not be detected."""
     settled = {day: np.full(6, 0.07) * (np.arange(6) == 1) for day in range(2, 150)}
@@ -64,6 +67,7 @@ def test_a_step_among_the_first_replays_belongs_to_the_baseline():
 
 @pytest.mark.parametrize("first", range(DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 3))
 @pytest.mark.parametrize("size", [1.0, -0.3])
+@pytest.mark.slow
 def test_a_jump_right_after_the_baseline_is_wear_although_it_is_gated(first, size):
     """Outliers count as replays although nothing is learnt from them: a jump at the 7th or 8th replay is wear, as at the 9th.
 
@@ -74,6 +78,7 @@ def test_a_jump_right_after_the_baseline_is_wear_although_it_is_gated(first, siz
     assert belief.filter_state.change[2] == pytest.approx(np.log1p(size), abs=0.06)
 
 
+@pytest.mark.slow
 def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():
     """A step's first replay has most of its evidence: none of the youngest starts is dropped, and ever more of the older ones."""
     ages = lived(a_year(5))[-1].filter_state.ages[0]
@@ -84,6 +89,7 @@ def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():
 
 
 @pytest.mark.parametrize("true", [0.04, 0.20])
+@pytest.mark.slow
 def test_noise_far_above_its_prior_is_learnt_although_the_gate_excludes_much_of_it(true):
     """Noise of twice or ten times the prior of 2 %: after 80 days the estimate is within a quarter."""
     arm, rng = Arm(seed=11, noise=true), np.random.default_rng(11)
@@ -157,6 +163,7 @@ def test_a_fall_is_no_evidence_of_a_rise_and_chance_that_is_larger_weakens_it():
     assert evidence(0.0, 0.0) == -np.inf
 
 
+@pytest.mark.slow
 def test_without_a_change_the_evidence_over_no_change_is_one_in_the_mean():
     """So a rise is found by chance as rarely as the threshold says."""
     information = 0.3 / SUMMED_STD[0, 0] ** 2  # so little that the mean of few draws tells

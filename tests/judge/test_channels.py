@@ -98,6 +98,7 @@ def test_wear_that_leaves_friction_at_the_reference_speed_is_found_within_30_day
 
 
 @pytest.mark.parametrize("swing_k", [5.0, 20.0])
+@pytest.mark.slow
 def test_a_healthy_year_is_quiet_though_contrast_follows_temperature(swing_k):
     """Viscous friction falls by 1.5 %/K: over 40 K the contrast moves by 0.6 and no joint is worn."""
     assert not any(state.found.any() for state in lived(replays(365, arms=1, swing_k=swing_k)))
@@ -203,6 +204,7 @@ def test_joints_of_other_arms_do_not_matter():
 
 
 @pytest.mark.parametrize(("kind", "words"), [("low", "friction at 0.1 rad/s rose by +1"), ("place", "wear at one place")])
+@pytest.mark.slow
 def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
     """From identifications on, as the daemon judges them: one alert, wear_rising of joint 3, with the channel in its text."""
     arm, history, texts = Arm(seed=3, autocorrelation=0.5), History(), []

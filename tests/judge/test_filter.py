@@ -76,6 +76,7 @@ def test_a_prediction_never_reduces_the_uncertainty(belief, days):
 
 
 @given(belief=beliefs(), seed=st.integers(0, 1000), days=st.floats(0.01, 30.0))
+@pytest.mark.slow
 def test_an_update_never_raises_the_uncertainty_unless_a_change_was_detected(belief, seed, days):
     """An ordinary update shrinks every variance; the covariance stays symmetric and positive semi-definite in every case.
 

@@ -77,6 +77,7 @@ def quiet() -> FilterState:
 
 
 @pytest.mark.parametrize(("arm", "noise"), [(0, 0.01), (1, 0.03)])
+@pytest.mark.slow
 def test_the_noise_between_replays_is_learnt(quiet, arm, noise):
     """After 150 quiet replays the estimated noise is the true noise, to 30 % averaged over the joints. Its prior is 2 %."""
     estimated = np.sqrt(quiet.noise_var(6, DriftSettings())).reshape(-1, 6)[arm]
@@ -90,6 +91,7 @@ def test_the_autocorrelation_of_the_noise_is_learnt(quiet):
     assert learnt[3] > 0.3
 
 
+@pytest.mark.slow
 def test_the_temperature_slope_is_learnt():
     """From a year's weather the filter learns how friction falls with temperature, within 3 of its σ and within 0.15 %/K."""
     history, arm, rng = History(), Arm(seed=7), np.random.default_rng(7)
@@ -103,6 +105,7 @@ def test_the_temperature_slope_is_learnt():
     assert np.all(error < 0.0015)
 
 
+@pytest.mark.slow
 def test_a_new_payload_keeps_the_wear_and_is_reported():
     """In a new context the level is unknown and the wear is kept; later wear is measured against the new level."""
     history = History()
@@ -229,6 +232,7 @@ def test_a_fast_warm_up_is_no_wear():
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_fast_wear_is_estimated(seed):
     """2 % a day from day 40 on: ten days later the estimated wear is within 2.5 of its standard deviations, and within 4 %."""
     history, arm, rng = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)

@@ -78,6 +78,7 @@ def test_a_replaced_joint_has_no_alert_at_once_and_everything_is_learnt_anew():
 
 
 @pytest.mark.parametrize("kind", [GREASED, OVERHAULED])
+@pytest.mark.slow
 def test_a_serviced_joint_waits_for_its_proof_and_is_normal_once_replays_have_shown_it(kind):
     """J2 at +29.6 % is overhauled and falls to 3 % below what it was: three replays later its alert clears, and friction counts anew."""
     history = lived(2, 0.296)
@@ -117,6 +118,7 @@ def test_production_that_did_not_bring_friction_back_leaves_the_alert_and_says_s
     assert history.health.joints[1].state == ("FAILURE" if alert.tier == "limit" else "MAINTENANCE_REQUIRED")
 
 
+@pytest.mark.slow
 def test_a_healthy_joint_that_is_greased_has_a_new_level_and_no_alert():
     """New grease lowers friction by 15 %: no fall is told, and wear of 20 % from there is found as such."""
     history = lived(3, 0.0)

@@ -80,6 +80,7 @@ def test_noise_of_other_colours_and_tails_raises_few_alerts():
     assert alerted.sum() <= 10  # 5 on average, measured with other seeds; 11 or more come once in 70 times
 
 
+@pytest.mark.slow
 def test_years_of_one_over_f_noise_are_no_wear():
     """6 arms, their second and third year: noise that never averages out takes friction away from the level that was learnt."""
     noise = flicker(np.random.default_rng(5), 8 * 365, 6 * J)[: 3 * 365]
@@ -87,6 +88,7 @@ def test_years_of_one_over_f_noise_are_no_wear():
     assert alerted.sum() <= 5  # 4, and 1.7 on average of three seeds; 9 where wear of years is as sure as wear of half a year
 
 
+@pytest.mark.slow
 def test_a_shock_that_fades_is_no_step_and_a_step_is_found_at_its_third_replay():
     """Both begin 40 % up; the shock's noise halves from replay to replay."""
     rng, days = np.random.default_rng(2), 83
@@ -112,6 +114,7 @@ def test_noise_far_below_its_prior_is_learnt_within_weeks():
     [(lambda t: 0.1 * (t > 0), 2), (lambda t: 0.02 * t, 5), (lambda t: 0.002 * t**2, 7)],
     ids=["a step of 10 %", "2 % a day", "accelerating"],
 )
+@pytest.mark.slow
 def test_fast_wear_after_two_weeks_is_at_a_tier_within_days(law, days):
     """Growing outliers in a row are no shock that fades: nine of ten are found as soon as release 0.1.0 found half of them."""
     rng, arms, onset = np.random.default_rng(4), 30, 14
@@ -193,6 +196,7 @@ def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():
     assert np.all(np.abs(own(np.array([-3.0, 3.0, 0.5, 0.5, 0.5, 0.5]), 2.0)) <= 1.0)  # of two replays ρ may be anything
 
 
+@pytest.mark.slow
 def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
     """12 arms for a year, ρ from 0 to 0.9 within each: 22 to 24 joints have an alert where all have the ρ of their arm, and 3 to 9 here."""
     rho = np.tile(np.linspace(0.0, 0.9, J), 12)
@@ -200,6 +204,7 @@ def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
     assert alerted.sum() <= 10
 
 
+@pytest.mark.slow
 def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
     """10 % a year for four months among joints of ρ 0.5: the joint's ρ stays within 0.05 of its fellows' on average."""
     days, onset, arms = 220, 100, 12
@@ -211,6 +216,7 @@ def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
 
 
 @pytest.mark.parametrize("unresolved", [0, 2, 5])
+@pytest.mark.slow
 def test_a_joint_that_is_never_resolved_does_not_make_the_others_alike(unresolved):
     """As above: 10 to 21 joints of 12 arms have an alert where one that tells nothing counts like the others, and 0 to 9 here."""
     rho = np.tile(np.linspace(0.0, 0.9, J), 12)

@@ -1,6 +1,7 @@
 """Outliers in a row say together what generalised least squares makes of them."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from test_shocks_and_gaps import J, lived, noise
@@ -86,6 +87,7 @@ def test_a_single_outlier_says_what_it_said():
     assert np.array_equal(run.left_of(counted, run.before).score, counted.score)
 
 
+@pytest.mark.slow
 def test_a_shock_that_fades_away_is_no_step():
     """Joint 2 of 20 arms is 16 % up on day 60, and a fifth less of it with each replay, in noise of ρ 0.8: no wear above 5 % on day 75."""
     y = noise(8, 76, 20, rho=0.8)

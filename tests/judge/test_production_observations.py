@@ -110,6 +110,7 @@ def alerts(plant: Plant) -> list:
     return [(alert.joint, alert.tier) for alert in plant.history.health.active_alerts]
 
 
+@pytest.mark.slow
 def test_a_belief_with_production_is_read_back_exactly(plant):
     belief = plant.history.last.belief
     document = belief.as_document()
@@ -247,6 +248,7 @@ def test_production_that_makes_wear_likely_asks_for_replays_before_it_is_sure(pl
     assert plant.history.last.belief.production.suspects == ()
 
 
+@pytest.mark.slow
 def test_a_doubtful_replay_of_a_joint_that_production_never_moves_asks_for_the_next_one_until_replays_have_told(plant):
     """Joint 4 is known by replays alone: one that shows 6 % more is a doubt, a few without it end the doubt, and a step stays in
     doubt until it is found. Joint 2, of which work tells, is not asked for so.
@@ -281,6 +283,7 @@ def risen(plant: Plant) -> list[float]:
     return plant.history.last.belief.filter_state.sources.risen.tolist()
 
 
+@pytest.mark.slow
 def test_a_rise_that_was_found_is_remembered_until_observations_speak_against_it(plant):
     """Joint 2 rises slowly by work and a replay a week; then friction is as before again."""
     found = []
@@ -343,6 +346,7 @@ def test_the_rise_of_a_joint_that_was_replaced_is_forgotten(plant):
     assert after.sources.risen.tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_step_that_is_found_later_keeps_the_rise_that_was_found_before(plant):
     steps = []
     for day in range(LEARNT + 20, LEARNT + 115):
@@ -358,6 +362,7 @@ def test_a_step_that_is_found_later_keeps_the_rise_that_was_found_before(plant):
 
 
 @pytest.mark.parametrize("by", [0.06, -0.06])
+@pytest.mark.slow
 def test_the_production_of_a_joint_that_was_replaced_has_a_new_level_and_nothing_found_of_the_old_one(plant, by):
     """A new joint has another friction: its work is neither worn nor in doubt, before the next replay and after it."""
     for day in range(LEARNT + 20, LEARNT + 32):

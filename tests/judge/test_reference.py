@@ -68,6 +68,7 @@ def of_joint(j, value):
     return np.where(np.arange(J) == j, value, 0.0)
 
 
+@pytest.mark.slow
 def test_running_in_is_no_alert_and_hides_no_step():
     """Friction falls by 8 % in two months, in all joints: nothing is told of it. A step of 8 % on day 200 is told of its joint alone."""
 
@@ -82,6 +83,7 @@ def test_running_in_is_no_alert_and_hides_no_step():
     assert not np.delete(lived.rises, 2, axis=2).any()
 
 
+@pytest.mark.slow
 def test_new_grease_that_nobody_declared_is_told_and_hides_no_wear():
     """A fall of 10 % at once is told within 10 days; wear of 20 % a year from then on, although friction stays below the beginning."""
 
@@ -95,6 +97,7 @@ def test_new_grease_that_nobody_declared_is_told_and_hides_no_wear():
     assert lived.rises[:, :, 1].any(axis=0).sum() >= 7
 
 
+@pytest.mark.slow
 def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
     """All joints rise by 4 % on day 90: common_mode within 50 days. A step of one joint on day 150 is told beyond it."""
 
@@ -107,6 +110,7 @@ def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
     assert lived.rises[150:, :, 4].any(axis=0).sum() >= 7
 
 
+@pytest.mark.slow
 def test_a_small_payload_is_told_of_the_arm():
     """Shoulder and elbow rise by 4 and 3 %, the wrists by less than 1 %: few arms are told of a joint's wear."""
     pattern = np.array([0.003, 0.04, 0.03, 0.01, 0.008, 0.0])

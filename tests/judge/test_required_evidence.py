@@ -119,6 +119,7 @@ def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, bes
         assert np.array_equal(of, daily)
 
 
+@pytest.mark.slow
 def test_chance_finds_no_more_in_a_year_of_four_replays_a_day(monkeypatch):
     """Sixty healthy arms for three months, ρ 0.5 from replay to replay: most of what four times as many chances find is none."""
 
@@ -152,6 +153,7 @@ def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     assert needed(20.0, beside_production=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_PRODUCTION)
 
 
+@pytest.mark.slow
 def test_a_step_in_a_noisy_joint_is_found_sooner_than_by_the_threshold_of_a_usual_one(monkeypatch):
     """Thirty arms of σ 3.8 %, and a step of 5 % in their third joints: sooner in some of them, and later in none."""
 
@@ -180,6 +182,7 @@ def test_a_rate_that_began_months_ago_needs_less_than_before():
     assert of_rate == pytest.approx([4.14, 3.79], abs=0.01)
 
 
+@pytest.mark.slow
 def test_joints_in_which_nothing_was_found_are_known_as_such_and_a_step_is_remembered():
     """Eight healthy arms of 100 days, and a step of 15 % in their third joints: only those have changed."""
     lived = Lived(8, 100, lambda day: of_joint(2, 0.15 * (day >= 70)), seed=11)

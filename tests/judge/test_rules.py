@@ -328,6 +328,7 @@ def test_status_names_the_stale_joints_of_a_stored_health(capsys):
     assert (fresh["stale"], fresh["stale_why"]) == (False, None)
 
 
+@pytest.mark.slow
 def test_a_change_is_attributed_to_its_causes():
     """10 K colder and 10 % of wear: the causes add up to the whole, and each has the size of the simulated cause."""
     from synthetic_arm import History

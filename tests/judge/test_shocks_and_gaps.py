@@ -53,6 +53,7 @@ def lived(log_torque: Array, temperature_c: Array | None = None, unknown: np.nda
     return wear, std, raised
 
 
+@pytest.mark.slow
 def test_a_shock_of_three_days_makes_no_more_wear_than_was_seen() -> None:
     """Joints 1, 3 and 5 of 20 arms are 15 % up for three days: wear is never told above 25 %, nor with more than ± 6 %."""
     y = noise(3, 112, 20, rho=0.5)
@@ -63,6 +64,7 @@ def test_a_shock_of_three_days_makes_no_more_wear_than_was_seen() -> None:
     assert std[100:, shaken].max() < 0.06
 
 
+@pytest.mark.slow
 def test_a_step_of_a_fifth_is_told_within_ten_days_however_long_noise_lasts() -> None:
     """Joint 2 steps by 20 % on day 120, in 8 arms of ρ 0, 8 of 0.5 and 8 of 0.9: an alert of it within ten days in 7 or more of each."""
     y = noise(4, 130, 24, rho=np.repeat([0.0, 0.5, 0.9], 8 * J))
@@ -73,6 +75,7 @@ def test_a_step_of_a_fifth_is_told_within_ten_days_however_long_noise_lasts() ->
 
 
 @pytest.mark.parametrize("rho", [0.5, 0.8])
+@pytest.mark.slow
 def test_the_size_of_a_step_is_known_no_better_than_outliers_that_share_their_noise_tell(rho: float) -> None:
     """Joint 2 of 80 arms steps by 20 % on day 90: over the six days from its alert on, wear is within 1.645 of its ± in 86 % and more.
 
@@ -89,6 +92,7 @@ def test_the_size_of_a_step_is_known_no_better_than_outliers_that_share_their_no
     assert within.mean() > 0.86
 
 
+@pytest.mark.slow
 def test_weeks_without_a_temperature_teach_no_wear() -> None:
     """Joint 1 has none for eight weeks, in which the hall cools by 10 K and friction rises by 8 %: no alert, no wear above 2 %."""
     days = np.arange(240)
@@ -111,6 +115,7 @@ def test_noise_that_grows_is_taken_for_what_it_is_within_a_fortnight() -> None:
     assert present(activity, J) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -> None:
     """12 % more in one joint, 4.5 σ of new noise at the third replay: Gaussian noise has none, noise with 2.5 % of outliers some."""
     arms, onset = 20, 160
@@ -127,6 +132,7 @@ def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -
     assert later.mean() >= 0.9
 
 
+@pytest.mark.slow
 def test_the_outliers_of_a_step_are_no_sign_of_long_tails() -> None:
     """A quarter more in one joint: neither while its outliers are counted nor afterwards does the arm seem to have outliers."""
     y = noise(9, 130, 10, rho=0.0)

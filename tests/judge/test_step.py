@@ -180,6 +180,7 @@ def test_the_example_of_the_step_runs():
     assert runner.failures == 0
 
 
+@pytest.mark.slow
 def test_without_a_damage_verdict_and_figures_are_what_they_were():
     """Neither depends on anything but its seed; the sabotage below is not seen by chance."""
     again, before = (verdict(), figures()), sound()
@@ -188,6 +189,7 @@ def test_without_a_damage_verdict_and_figures_are_what_they_were():
 
 
 @pytest.mark.parametrize("stage", DAMAGES)
+@pytest.mark.slow
 def test_a_damaged_stage_changes_the_daemons_verdict_and_the_fleets_figures(stage, monkeypatch):
     """Both go through the one step: there is no copy of it that could be left behind."""
     before = sound()

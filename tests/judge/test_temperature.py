@@ -125,6 +125,7 @@ def test_invalid_settings_are_named():
         TemperatureSettings(scatter=0.0)
 
 
+@pytest.mark.slow
 def test_a_stuck_sensor_is_reported_and_a_winter_is_no_wear():
     """Joint 3 reports 31.0 °C from day 60 on while a season passes: an alert of its sensor, none of its wear, none of another sensor."""
     history, arm, rng = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
@@ -153,6 +154,7 @@ def test_a_sensor_that_changes_again_is_used_again():
     assert not stuck_sensors(sensors).any()
 
 
+@pytest.mark.slow
 def test_an_impossible_temperature_is_not_learnt_from_and_is_reported():
     """One replay at 1000 °C, 0 K or infinity changes neither law nor range; three in a row raise the sensor's alert."""
     spoilt, sound, arm, rng = History(), History(), Arm(seed=5, noise=0.01), np.random.default_rng(5)

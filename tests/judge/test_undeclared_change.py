@@ -103,6 +103,7 @@ def test_a_few_hundred_grams_are_told_as_a_payload(kg, replays):
 
 
 @pytest.mark.parametrize("changed", [{}, {"kg": 0.1}, {"gain": 1.03}, {"gain": 0.96}, {"gain": 1.08}])
+@pytest.mark.slow
 def test_drive_gains_and_trifles_are_no_payload(changed):
     """Magnets weaken by a tenth of a per cent a kelvin, so weights seem to vary by some per cent; a cable weighs a tenth of a kilogram."""
     assert PAYLOAD not in found(30, **changed)
@@ -160,6 +161,7 @@ def test_wear_and_quiet_replays_contradict_nothing():
 
 
 @pytest.mark.parametrize(("payload", "blind"), [("declared", False), ("undeclared", False), ("undeclared", True)])
+@pytest.mark.slow
 def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, payload, blind):
     """Real recordings in time order. The last carries about 2.6 kg: declared it opens a context, undeclared it is detected.
 
@@ -239,6 +241,7 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
 
 
 @pytest.mark.parametrize("weighed", [True, False])
+@pytest.mark.slow
 def test_shoulder_and_elbow_that_wear_alike_are_told_where_weighing_excludes_a_payload(monkeypatch, weighed):
     """Both rise by 6 % at one replay, as with a payload; the weights as before say that it is wear, told within 25 days."""
     if not weighed:

@@ -33,6 +33,7 @@ def lived(wear_per_day: float, days: int, onset: int = 60) -> list[Belief]:
     return beliefs
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_wear_grows_before_a_detection_and_is_the_filters_after_it():
     """0.1 % a day in joint 3: before the detection the published wear is less certain and nearer to the truth; after it both are equal."""
     beliefs = lived(0.001, 130)
@@ -47,6 +48,7 @@ def test_the_uncertainty_of_wear_grows_before_a_detection_and_is_the_filters_aft
     assert np.allclose([mean[2], std[2]], [after.wear[2], after.wear_std[2]], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_healthy_joint_has_the_uncertainty_of_one_that_may_wear():
     """Less than 2 % after 90 days, where the filter alone has 0.14 %; with a prior rate of 0 onsets, exactly the filter's."""
     belief = lived(0.0, 90)[-1]
@@ -59,6 +61,7 @@ def test_a_healthy_joint_has_the_uncertainty_of_one_that_may_wear():
     assert np.allclose(std, belief.wear_std, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
     """Of 100 joints of σ = 2 % that step by the size told for each of them, detection finds nine of ten at least in ten days, to 80 %."""
     rng, arms, day = np.random.default_rng(3), 20, 90
@@ -83,6 +86,7 @@ def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
     assert found[stepped].mean() >= 0.8
 
 
+@pytest.mark.slow
 def test_the_step_that_may_be_unseen_is_by_the_threshold_of_the_joints_noise():
     """Three replays a day, of σ 4 %: after ten days detection needs less than in a joint of σ 2 %, and that is what is told."""
     rng, state = np.random.default_rng(5), None

@@ -54,6 +54,7 @@ def wearing(*, count: bool) -> History:
     return history
 
 
+@pytest.mark.slow
 def test_a_holiday_causes_no_wear_where_revolutions_are_counted():
     """Six weeks off after 40 days of work: with a count no wear is predicted for them; without one, days count as work."""
     counted, not_counted = wearing(count=True).last.friction[1], wearing(count=False).last
@@ -78,6 +79,7 @@ def test_counts_of_another_arm_are_refused():
         history.add(1, Arm().replay(30.0), replace(CONTEXT, revolutions=(1.0, 2.0)))
 
 
+@pytest.mark.slow
 def test_a_replaced_joint_starts_without_wear_and_the_others_keep_theirs():
     """A new serial number shows the replacement; joints 2 and 5 had worn by 20 %."""
     history, serials = History(), ("a", "b", "c", "d", "e", "f")
@@ -94,6 +96,7 @@ def test_a_replaced_joint_starts_without_wear_and_the_others_keep_theirs():
     assert verdict.friction[4].wear == pytest.approx(0.2, abs=0.04)
 
 
+@pytest.mark.slow
 def test_maintenance_is_neither_a_fall_nor_the_wear_of_another_joint():
     """Grease lowers friction of joint 3 by 15 %, declared as maintenance: no alert of a fall, and joint 5 keeps the wear that it had."""
     history = History()
@@ -111,6 +114,7 @@ def test_maintenance_is_neither_a_fall_nor_the_wear_of_another_joint():
     [{"maintenance": "joint 3 greased"}, {"joint_serials": ("a", "b", "X", "d", "e", "f")}],
     ids=lambda declared: next(iter(declared)),
 )
+@pytest.mark.slow
 def test_maintenance_that_is_declared_once_holds_for_later_replays(declared):
     """A manifest states it on the line of that day only: it holds for every payload."""
     history, serials = History(), ("a", "b", "c", "d", "e", "f")

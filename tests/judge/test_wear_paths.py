@@ -70,6 +70,7 @@ def lives_of(state: DriftState) -> list[RemainingLife]:
 
 
 @pytest.mark.parametrize("path", ["accelerating", *(pytest.param(path, marks=pytest.mark.soak) for path in ("straight", "slowing"))])
+@pytest.mark.slow
 def test_the_path_of_wear_is_found_and_its_life_held(path):
     """Of 8 arms at 75 % of life, P10–P90 hold the truth in 5 or more, 88 % of trials with 80 %, and P50 is not twice off in the median."""
     state, left = worn_fleet(path, 8, 0.75)
@@ -140,6 +141,7 @@ def test_slowing_paths_come_late_and_accelerating_ones_early():
 
 @given(replays=st.integers(1, 900), seed=st.integers(0, 9))
 @settings(max_examples=20, deadline=None)
+@pytest.mark.slow
 def test_blocks_keep_every_replay_in_the_order_of_age(replays, seed):
     """The counts and sums are those of all replays, whatever was merged, and ages ascend."""
     rng = np.random.default_rng(seed)
@@ -175,6 +177,7 @@ def test_another_measure_of_production_and_another_context_keep_what_was_seen():
     assert np.all(settled[0, :, 6 : 6 + SLOTS] == 0)
 
 
+@pytest.mark.slow
 def test_a_state_without_a_history_goes_on_along_a_straight_line():
     """A worn joint whose belief kept none begins with a straight path, whose median is within 20 % of that of its (wear, rate)."""
     state, _ = worn_fleet("straight", 2, 0.5)

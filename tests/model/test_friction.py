@@ -32,6 +32,7 @@ def test_an_unknown_law_is_refused_with_the_known_ones():
 
 @pytest.mark.parametrize("name", LAWS)
 @given(v=st.floats(0.001, 10), load=st.floats(-200, 200))
+@pytest.mark.slow
 def test_every_law_opposes_motion_and_begins_with_fc_and_fv(name, v, load):
     """Each column is odd in the motion, and has the sign of the speed; all but those of braking do not depend on the load's sign."""
     law, loads = LAWS[name], np.array([load, -load])

@@ -84,6 +84,7 @@ def arm(relations, seed, first_upright=True):
     upright=st.booleans(),
     mounting=st.sampled_from(["ground", "ceiling", "wall", "10,20,30"]),
 )
+@pytest.mark.slow
 def test_torque_of_any_serial_arm_equals_that_of_pinocchio(relations, seed, upright, mounting):
     """Y·p and our own pinocchio model against pinocchio's reading of the URDF, to 1e-10 of the largest torque, which is 10² N·m."""
     text = arm(relations, seed, upright)

@@ -16,6 +16,8 @@ from monitor.service.node import number_of
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 
+pytestmark = pytest.mark.real_time
+
 AT_NODE = (0.12, -1.5, 0.2, -1.4, 0.1, -0.1)
 AFTER = (-0.05, -1.5, 0.2, -1.4, 0.1, -0.1)
 TREE = """name = "cell"

@@ -19,6 +19,8 @@ from monitor.publish.client import Client
 from monitor.simulate.remote import Remote
 from monitor.store.store import Store
 
+pytestmark = pytest.mark.real_time
+
 FOURIER = {"a": [0.30, -0.20, 0.10, -0.25, 0.05], "b": [0.20, -0.10, 0.05, 0.10, -0.07]}  # Σa = 0, Σk·b = 0
 
 

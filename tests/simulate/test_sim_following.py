@@ -8,6 +8,8 @@ import pytest
 from sim_clients import MOVE_AND_STREAM, STREAM_FOR_EVER
 from sim_process import eventually, result_of, wait_for
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.parametrize("robot", ["ur5", "ur5e"])
 def test_control_moves_streams_and_answers(spawn, client, robot):

@@ -17,6 +17,8 @@ from monitor.studies.demo import world as replays
 from monitor.studies.demo.display import Summary, Ticker
 from monitor.studies.demo.world import DAYS, DemoState, demo_configuration
 
+pytestmark = pytest.mark.real_time
+
 LONGEST_SILENCE_S = 5.0
 
 
