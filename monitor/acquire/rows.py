@@ -4,24 +4,25 @@ The names are those of the RTDE variables of Universal Robots; the driver of ano
 """
 
 from collections.abc import Mapping
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from monitor.recording import Array, Context, Recording
 
-JOINTS = 6  # of a Universal Robots arm
+EACH_JOINT = 0  # in place of a width: as many values as the arm has joints
 WIDTHS = {
     "timestamp": 1,  # [s] controller's clock
-    "actual_q": JOINTS,  # [rad]
-    "actual_qd": JOINTS,  # [rad/s]
-    "actual_current": JOINTS,  # [A]
-    "joint_temperatures": JOINTS,  # [°C]
-    "target_q": JOINTS,  # [rad]
-    "target_qd": JOINTS,  # [rad/s]
-    "target_qdd": JOINTS,  # [rad/s²]
-    "target_current": JOINTS,  # [A]
-    "target_moment": JOINTS,  # [N·m]
+    "actual_q": EACH_JOINT,  # [rad]
+    "actual_qd": EACH_JOINT,  # [rad/s]
+    "actual_current": EACH_JOINT,  # [A]
+    "joint_temperatures": EACH_JOINT,  # [°C]
+    "target_q": EACH_JOINT,  # [rad]
+    "target_qd": EACH_JOINT,  # [rad/s]
+    "target_qdd": EACH_JOINT,  # [rad/s²]
+    "target_current": EACH_JOINT,  # [A]
+    "target_moment": EACH_JOINT,  # [N·m]
     "robot_mode": 1,
     "safety_mode": 1,
     "runtime_state": 1,
@@ -33,29 +34,43 @@ WIDTHS = {
     "actual_tool_accelerometer": 3,  # [m/s²] in the flange's frame
     "actual_digital_input_bits": 1,
     "robot_status_bits": 1,  # bit 0 power on, bit 1 program running, bit 2 teach button (freedrive), bit 3 power button
-    "joint_mode": JOINTS,
+    "joint_mode": EACH_JOINT,
     "actual_TCP_pose": 6,  # position [m] and rotation vector [rad] in the base's frame
     "actual_TCP_force": 6,  # [N, N·m] at the TCP; measured from the e-Series on, computed from currents on a CB3
-    "commanded_q": JOINTS,  # [rad] the target sent for this row; NaN where none was sent
+    "commanded_q": EACH_JOINT,  # [rad] the target sent for this row; NaN where none was sent
     "host_monotonic_s": 1,  # [s] host's clock when the session read the row
 }
 
 
-def _columns_of_a_row() -> dict[str, slice]:
-    columns, at = {}, 0
+class Layout(NamedTuple):
+    """Where each variable stands in a row of an arm with so many joints."""
+
+    column: dict[str, slice]
+    width: int
+
+
+@cache
+def layout(joints: int) -> Layout:
+    """The layout of an arm's rows."""
+    column, at = {}, 0
     for name, width in WIDTHS.items():
-        columns[name] = slice(at, at + width)
-        at += width
-    return columns
+        column[name] = slice(at, at := at + (width or joints))
+    return Layout(column, at)
 
 
-COLUMN = _columns_of_a_row()
-WIDTH = sum(WIDTHS.values())
+@cache
+def layout_of(width: int) -> Layout:
+    """The layout of rows of this width."""
+    joints, rest = divmod(width - sum(WIDTHS.values()), sum(each == EACH_JOINT for each in WIDTHS.values()))
+    if rest or joints < 1:
+        raise ValueError(f"a row of {width} values is none of an arm")
+    return layout(joints)
 
 
 def columns(rows: Array) -> dict[str, Array]:
     """Rows (N, WIDTH) by the name of the variable: (N,) or (N, J)."""
-    return {name: rows[:, column.start] if column.stop - column.start == 1 else rows[:, column] for name, column in COLUMN.items()}
+    found = layout_of(rows.shape[1]).column
+    return {name: rows[:, column.start] if WIDTHS[name] == 1 else rows[:, column] for name, column in found.items()}
 
 
 def tick_quality(table: Mapping[str, Array], rate_hz: float) -> dict[str, int]:

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from monitor.acquire.rows import COLUMN
+from monitor.acquire.rows import layout_of
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
@@ -205,7 +205,7 @@ class ArmState:
 
 def arm_state(row: Array) -> ArmState:
     """The state that one row (WIDTH,) reports."""
-    of = {name: row[column] for name, column in COLUMN.items()}
+    of = {name: row[column] for name, column in layout_of(len(row)).column.items()}
     x, y, z = of["actual_tool_accelerometer"]
     return ArmState(
         robot_mode=int(of["robot_mode"][0]),

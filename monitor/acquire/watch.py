@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.acquire.driver import OurProgram, Session, SessionEnded
 from monitor.acquire.protocol import MOTIONS, Event, Phase, State, Unexpected
-from monitor.acquire.rows import COLUMN
+from monitor.acquire.rows import layout_of
 from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.settings import ReplaySettings
@@ -237,7 +237,7 @@ class Watch:
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
         if not isinstance(frame, dict):
-            self._alive_at = float(frame[COLUMN["host_monotonic_s"]][0])
+            self._alive_at = float(frame[layout_of(len(frame)).column["host_monotonic_s"]][0])
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
             self.rows.append(frame)

@@ -6,12 +6,12 @@ from test_driver import row
 
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.protocol import Order, Phase, Program, State
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import arm as arm_module
 from monitor.acquire.ur import upload as upload_module
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.acquire.ur.upload import Upload
 from monitor.model.robot import load_robot
 from monitor.recording import Context

@@ -15,13 +15,13 @@ from monitor.acquire.driver import SafetyStop, SessionEnded
 from monitor.acquire.listen import Listener, ListenSettings, record
 from monitor.acquire.protocol import Event, Phase, State
 from monitor.acquire.replay import check, replay
-from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety import oversight
 from monitor.acquire.safety.inputs import LastMotion, Permit
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
 from monitor.acquire.ur.driver import cause_of_death
+from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.acquire.ur.software import understood
 from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable

@@ -8,11 +8,11 @@ from scripted_arm import PLAYING, STOPPED, TICK_S, ScriptedMessages, Wide, cause
 from test_driver import row
 
 from monitor.acquire.protocol import Order, Phase, Program, State
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur import arm as arm_module
 from monitor.acquire.ur import control as control_module
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.rtde import COLUMN
 
 AT_REST = State(Phase.SETTLE, Program.OURS, Order.GO)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.acquire.child import LONGEST_TEXT, FrameReader, message_frame, row_frame
-from monitor.acquire.rows import WIDTH
+from monitor.acquire.ur.rtde import WIDTH
 from monitor.reason import ANYTHING
 
 ROW = np.arange(WIDTH) / 7.0

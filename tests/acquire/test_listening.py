@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from monitor.acquire.driver import SessionEnded
-from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.rtde import ROWS, SIGNALS, Listening, observe
+from monitor.acquire.ur.rtde import COLUMN, ROWS, SIGNALS, WIDTH, Listening, observe
 
 TYPE = {1: "DOUBLE", 3: "VECTOR3D", 6: "VECTOR6D"}
 WHOLE_NUMBERS = {

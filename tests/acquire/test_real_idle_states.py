@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.conditions import OF_STATE, named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.way import turned
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, arm_state
+from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.design.clearance import frames
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, load_robot

@@ -15,7 +15,6 @@ from test_guard import NOON, SIMULATED, displaced, inputs, ready_state
 
 from monitor.acquire.protocol import Event, Order, Phase, Program, State
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import conditions
 from monitor.acquire.safety.gate import Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
@@ -23,7 +22,7 @@ from monitor.acquire.state import arm_state
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import state_failure
 from monitor.acquire.ur.receive import read_row
-from monitor.acquire.ur.rtde import SIGNALS
+from monitor.acquire.ur.rtde import COLUMN, SIGNALS
 from monitor.acquire.watch import Caller
 from monitor.errors import BadInput, MotionRefused, ReplayAborted
 from monitor.model.robot import load_robot

@@ -20,8 +20,8 @@ from monitor.acquire.child import Child
 from monitor.acquire.driver import usual_driver
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.model.fourier import excitation_from_document

@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
+import pytest
 
-from monitor.acquire.rows import COLUMN, WIDTH, WIDTHS
+from monitor.acquire.rows import WIDTHS, columns, layout, layout_of
 from monitor.acquire.state import arm_state
-from monitor.acquire.ur.rtde import SIGNALS
+from monitor.acquire.ur.rtde import COLUMN, SIGNALS, WIDTH
 
 NOT_RECEIVED = {"commanded_q", "host_monotonic_s"}  # this side of the connection enters them
 
@@ -36,3 +37,15 @@ def test_what_a_controller_does_not_report_is_nan_in_the_state():
     state = arm_state(row)
     assert math.isnan(state.status_bits)
     assert all(math.isnan(value) for value in (*state.joint_modes, *state.tcp_pose))
+
+
+def test_an_arm_of_another_number_of_joints_has_rows_of_its_own_width():
+    """Nothing outside of a driver counts six joints: a row says by its width how many there are."""
+    column, width = layout(7)
+    rows = np.arange(2.0 * width).reshape(2, width)
+    table = columns(rows)
+    assert table["actual_q"].shape == (2, 7)
+    assert table["timestamp"].shape == (2,)
+    assert np.array_equal(arm_state(rows[1]).target_q, rows[1][column["target_q"]])
+    with pytest.raises(ValueError, match="none of an arm"):
+        layout_of(width + 1)

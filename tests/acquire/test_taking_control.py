@@ -6,9 +6,9 @@ from functools import partial
 import pytest
 from scripted_arm import PAUSED, PLAYING, STOPPED, STOPPING, TICK_S, cause_of, rows, scripted_arm, told
 
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.ur.arm import SPEED_RISE_S, Arm
 from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.acquire.ur.upload import NAME, START_S
 
 

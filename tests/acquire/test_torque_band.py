@@ -11,10 +11,10 @@ from learnt_arms import NORMAL, SETTINGS, Learnt, arm_of, first_outside, learnt_
 from simulated_arm import known_gains
 
 from monitor.acquire.replay import first_pass_key, slowed
-from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.torque_band import TorqueBand, band_for, learn_profile, phases, recorded_rows
 from monitor.acquire.safety.torque_basis import BandBasis, TorqueProfile, basis_from_document
 from monitor.acquire.settings import Installation
+from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.design.cell import plain_cell
 from monitor.errors import MotionRefused
 from monitor.model.robot import Mounting, load_robot

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from learnt_arms import NORMAL, SETTINGS, SHIPPED_NAMES, arm_of, first_outside, learnt_arm
 
-from monitor.acquire.rows import COLUMN, WIDTH
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.safety.way import joint_path
 from monitor.acquire.settings import Installation
+from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.judge.assess import assess
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, load_robot

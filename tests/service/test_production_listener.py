@@ -17,7 +17,8 @@ import pytest
 from prepared import Process
 from test_backups_and_retention import configuration, lived, recordings  # noqa: F401 - a fixture
 
-from monitor.acquire.rows import COLUMN, WIDTH, columns
+from monitor.acquire.rows import columns
+from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.identify.production.rows import rows_of_columns
 from monitor.judge.alerts.health import health_from_document
 from monitor.judge.belief import belief_from_document

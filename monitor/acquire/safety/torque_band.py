@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.acquire.rows import COLUMN, WIDTH
+from monitor.acquire.rows import layout, layout_of
 from monitor.acquire.safety.expected_torque import ExpectedTorque, JointInertia, expected_torque
 from monitor.acquire.safety.torque_basis import STEP_S, BandBasis, TorqueProfile
 from monitor.acquire.settings import Installation, ReplaySettings
@@ -105,7 +105,7 @@ class TorqueBand:
         if gains is None:
             raise MotionRefused(DOES_NOT_HOLD(condition="drive_gains", why=GAIN_NOT_KNOWN()))
         J, most = robot.joints, robot.max_torque_nm
-        self._basis = basis
+        self._basis, self._column = basis, layout(J).column
         self._most, self._gains, self._profile = most, gains, basis.profile
         self._of: ExpectedTorque = expected_torque(
             robot, mounting, basis.model, payload_kg=payload_kg, payload_com_m=payload_com_m, payload_error_kg=settings.max_payload_error_kg
@@ -178,18 +178,18 @@ class TorqueBand:
         qdd = np.zeros(len(self._most))  # the first rows are those of a standing arm
         if len(self._waiting) == self._waiting.maxlen:
             (first, _), (last, _) = self._waiting[0], self._waiting[-1]
-            elapsed_s = last[COLUMN["timestamp"]] - first[COLUMN["timestamp"]]
+            elapsed_s = last[self._column["timestamp"]] - first[self._column["timestamp"]]
             if elapsed_s[0] > 0.0:
-                qdd = (last[COLUMN["actual_qd"]] - first[COLUMN["actual_qd"]]) / elapsed_s
+                qdd = (last[self._column["actual_qd"]] - first[self._column["actual_qd"]]) / elapsed_s
             row, phase_s = self._waiting[len(self._waiting) // 2]
-        qd = row[COLUMN["actual_qd"]]
-        timestamp_s = float(row[COLUMN["timestamp"]][0])
+        qd = row[self._column["actual_qd"]]
+        timestamp_s = float(row[self._column["timestamp"]][0])
         dt = timestamp_s - self._timestamp_s
         dt = min(max(dt, 1e-3), LONGEST_STEP_S) if np.isfinite(dt) else FIRST_STEP_S
         self._timestamp_s = timestamp_s
         self._jolted_s = JOLT_S if dt > JOLT_TICKS * self._tick_s else max(self._jolted_s - dt, 0.0)
-        measured = row[COLUMN["actual_current"]] * self._gains
-        at = self._of.at(row[COLUMN["actual_q"]], qd, qdd, row[COLUMN["joint_temperatures"]])
+        measured = row[self._column["actual_current"]] * self._gains
+        at = self._of.at(row[self._column["actual_q"]], qd, qdd, row[self._column["joint_temperatures"]])
         middle, share = at.torque, NARROW * self._most if self._known else NARROW_UNKNOWN * self._most + self._of.payload_nm
         if self._profile is not None and phase_s is not None:
             mean, spread = self._profile.at(phase_s)
@@ -201,7 +201,7 @@ class TorqueBand:
         H[:, 0], H[:, 1], H[:, 3] = sign, np.sign(qd) * speed ** (2.0 / 3.0), qdd
         H = _finite(H)
         usual = middle + np.einsum("jk,jk->j", H, self._theta)
-        jolt = _finite(self._inertia.at(_finite(row[COLUMN["actual_q"]])) @ (row[COLUMN["target_qdd"]] - qdd))  # (J,)
+        jolt = _finite(self._inertia.at(_finite(row[self._column["actual_q"]])) @ (row[self._column["target_qdd"]] - qdd))  # (J,)
         self._recent.append(np.array([usual, usual + jolt]))
         earlier = np.concatenate(self._recent)  # (2n, J)
         surprise = measured - np.minimum(np.maximum(measured, np.fmin.reduce(earlier)), np.fmax.reduce(earlier))
@@ -268,10 +268,11 @@ def band_for(
     Payload and centre of mass are the configured ones, else the reported ones, with which the controller computes.
     Raises MotionRefused where a drive gain is not known.
     """
-    payload_kg = context.payload_kg if context.payload_kg is not None else float(np.nan_to_num(row[COLUMN["payload"]][0]))
+    column = layout_of(len(row)).column
+    payload_kg = context.payload_kg if context.payload_kg is not None else float(np.nan_to_num(row[column["payload"]][0]))
     if basis.payload_kg is not None and abs(payload_kg - basis.payload_kg) > settings.max_payload_error_kg:
         basis = BandBasis()  # the payload is not configured, and the controller was told of another one than that of the model
-    com_m: Sequence[float] = installation.payload_cog_m or row[COLUMN["payload_cog"]].tolist()
+    com_m: Sequence[float] = installation.payload_cog_m or row[column["payload_cog"]].tolist()
     known = all(math.isfinite(metres) for metres in com_m) and any(com_m)  # a controller that was never told says 0
     x, y, z = com_m
     return TorqueBand(
@@ -300,8 +301,9 @@ def phases(t_s: Array, rate_hz: float, pass_s: float) -> Array:
 
 def recorded_rows(recording: Recording) -> Array:
     """Rows (N, WIDTH) with what the band reads; NaN elsewhere, and where the recording does not have it."""
-    rows = np.full((recording.samples, WIDTH), np.nan)
-    rows[:, COLUMN["timestamp"]] = recording.t_s[:, None]
+    column, width = layout(recording.q.shape[1])
+    rows = np.full((recording.samples, width), np.nan)
+    rows[:, column["timestamp"]] = recording.t_s[:, None]
     for name, values in (
         ("actual_q", recording.q),
         ("actual_qd", recording.qd),
@@ -310,7 +312,7 @@ def recorded_rows(recording: Recording) -> Array:
         ("joint_temperatures", recording.temperature_c),
     ):
         if values is not None:
-            rows[:, COLUMN[name]] = values
+            rows[:, column[name]] = values
     return rows
 
 

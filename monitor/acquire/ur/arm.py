@@ -15,13 +15,13 @@ import numpy as np
 from monitor.acquire.child import Lifeline, Outbox
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.protocol import Event, State
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand
 from monitor.acquire.state import arm_state
 from monitor.acquire.ur.control import STANDING_S, Control
 from monitor.acquire.ur.failures import CycleGaps, StreamFailure, Tracking, gap_failure, state_failure
 from monitor.acquire.ur.receive import POLL_S, PacketTiming, TornRow, connect_receiver, read_row
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.reason import Sentence
 from monitor.recording import Array
 

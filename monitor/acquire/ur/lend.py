@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.acquire.protocol import Event
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import check_state
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.state import RUNTIME_PLAYING, arm_state, program_name
@@ -20,6 +19,7 @@ from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.node import NO_NUMBER, VARIABLES, Node
 from monitor.acquire.ur.node_script import ASTRAY, LOST, HandOverSettings
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.errors import DOES_NOT_HOLD, MotionRefused
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array

@@ -19,10 +19,10 @@ from typing import NamedTuple, Self
 from monitor.acquire.driver import Reported, ReportedError, ReportedMode
 from monitor.acquire.state import JointLimits
 from monitor.acquire.ur.packages import LONGEST, is_address, looked_up, take_packages
+from monitor.acquire.ur.rtde import JOINTS
 
 PORT = 30001
 ROBOT_STATE, CONFIGURATION = 16, 6  # type of a message, type of a package within it
-JOINTS = 6
 PAIRS = struct.Struct(f">{4 * JOINTS}d")  # lowest and highest position of each joint, then greatest speed and acceleration of each
 KIND = struct.Struct(">i")  # of arm; after the limits, four defaults, a radius, 24 kinematic parameters and two versions
 KIND_AT = PAIRS.size + 8 * (4 + 1 + 4 * JOINTS) + 2 * 4

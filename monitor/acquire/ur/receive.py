@@ -17,8 +17,7 @@ import numpy as np
 from rtde_receive import RTDEReceiveInterface
 
 from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
-from monitor.acquire.rows import COLUMN, WIDTH
-from monitor.acquire.ur.rtde import SIGNALS, Signal
+from monitor.acquire.ur.rtde import COLUMN, SIGNALS, WIDTH, Signal
 from monitor.recording import Array
 
 POLL_S = 0.0003  # between two checks around the expected arrival; shorter sleeps take more processor time and hardly gain precision

@@ -18,11 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.acquire.driver import SessionEnded
-from monitor.acquire.rows import COLUMN, WIDTH, WIDTHS
+from monitor.acquire.rows import WIDTHS, layout
 from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.packages import is_address, looked_up, take_packages
 from monitor.errors import RobotUnreachable
 from monitor.recording import Array
+
+JOINTS = 6
+COLUMN, WIDTH = layout(JOINTS)  # of a row of these arms
 
 
 class Signal(NamedTuple):
@@ -35,7 +38,7 @@ class Signal(NamedTuple):
     @property
     def width(self) -> int:
         """Values a tick."""
-        return WIDTHS[self.variable]
+        return WIDTHS[self.variable] or JOINTS
 
 
 SIGNALS: tuple[Signal, ...] = (

@@ -16,7 +16,6 @@ import numpy as np
 from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.driver import ReplayTask, task_from_document
 from monitor.acquire.protocol import Event, Order, Phase, Program
-from monitor.acquire.rows import COLUMN
 from monitor.acquire.safety.conditions import check_quick, check_state, inputs
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.torque_band import TorqueBand, band_for
@@ -25,6 +24,7 @@ from monitor.acquire.state import STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import UNWATCHED_S, Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure
 from monitor.acquire.ur.lend import Lend
+from monitor.acquire.ur.rtde import COLUMN
 from monitor.acquire.ur.upload import Upload
 from monitor.errors import MonitorError, RobotUnreachable
 from monitor.reason import Sentence
