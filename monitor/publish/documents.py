@@ -549,7 +549,7 @@ class Answer(Document):
     done: str
     alert: Alert | None = None
     replay: int | None = None
-    production: Maintenance | None = None
+    maintenance: Maintenance | None = None
     inspection: dict[str, Any] | None = Field(default=None, description="the check, as an item of the document `inspection`")
     alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
     text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")

@@ -100,6 +100,7 @@ def _told(run: Run, home: Path) -> dict[str, Any]:
     config = ("--config", "arm.toml")
     status = _printed(run, "status", *config, "--why", "3", "--json", cwd=home)
     del status["monitor"]["store"]["history_id"]  # of each history another one
+    del status["monitor"]["bus"]["to_send"]  # as far as the session has sent at this moment
     return {
         "status": status,
         "history": _printed(run, "history", *config, "--joint", "3", "--json", cwd=home),

@@ -48,7 +48,7 @@ def test_a_replaced_joint_is_declared_on_the_bus_and_everybody_hears_of_it(cell,
     daemon, store, arm, _ = cell
     raise_alert(daemon, daemon.alerts._now())
     answer = client.serviced(3, "replaced", by="Ada", why="gearbox noisy")
-    assert answer.act.outcome == "new_joint"
+    assert answer.maintenance.outcome == "new_joint"
     assert any("learnt anew" in sentence for sentence in answer.text)
     assert any(sentence.startswith("j3/wear_rising (wear, at its gravest +6.0%): cleared, serviced") for sentence in answer.text)
     assert not client.alerts()
@@ -71,7 +71,7 @@ def test_a_greased_joint_waits_for_its_proof(cell, client):  # noqa: F811
     daemon, store, arm, _ = cell
     raise_alert(daemon, daemon.alerts._now())
     answer = client.serviced(3, "greased", by="Ada", why="200 h service", at="2026-01-07")
-    assert answer.act.outcome is None
+    assert answer.maintenance.outcome is None
     [alert] = client.alerts()
     assert alert.awaiting_proof
     told = status_document(daemon.state.configuration, arm.clock_unix_s)
