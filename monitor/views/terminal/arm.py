@@ -225,7 +225,7 @@ def print_bus(found: list[dict[str, Any]]) -> None:
     console = standard_output(140)
     for row in found:
         outcome = "[green]ok[/]" if row["cause"] == "reached" else f"[bold yellow]{row['cause']}[/]"
-        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {outcome}: {escape(row['told'])}")
+        console.print(f"bus, {row['who']} at {escape(row['endpoint'])}: {outcome}: {escape(row['text'])}")
 
 
 def print_gateway(found: dict[str, Any] | None) -> None:
