@@ -10,7 +10,7 @@ from monitor.acquire.safety.of_installation import angle_deg, offset_of
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.state import ArmState, Identity
 from monitor.errors import RobotUnreachable
-from monitor.identify.gains_from_torque import gains_from_torque
+from monitor.identify.gains import gains_from_torque
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array
 

@@ -144,9 +144,7 @@ def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, 
 
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
     """Draw what the identified model does not explain of these recordings. Raises BadInput like `residual_plot`."""
-    from monitor.identify.signals.coupling import at_motors
-    from monitor.identify.signals.motion import motion
-    from monitor.identify.signals.torque import joint_torque
+    from monitor.identify.signals.motion import at_motors, joint_torque, motion
     from monitor.identify.validate import held_out_settings, predict_motion
     from monitor.views.plots.residuals import Residuals, residual_plot
 
@@ -243,7 +241,7 @@ def listen(
     as_json: JsonOption = False,
 ) -> None:
     """What recordings of ordinary work tell of friction, and what they cannot tell. Nothing moves."""
-    from monitor.identify.production.settings import ProductionSettings
+    from monitor.identify.production.arm import ProductionSettings
     from monitor.model.robot import Mounting, load_robot
     from monitor.store import identify_files
     from monitor.store.from_files.production_files import ListenRequest, listen_to_files

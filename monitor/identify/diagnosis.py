@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from monitor.identify.fit.causes import Causes
-from monitor.identify.fit.equations import FitProblem
-from monitor.identify.fit.felt import Felt
-from monitor.identify.fit.fit import Fit
+from monitor.identify.fit.covariance import Causes
+from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import Rows
+from monitor.identify.fit.least_squares import Felt, Rows
 from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.order import median
 from monitor.identify.warnings import MOVING_SHARE, DataWarning, moving_share

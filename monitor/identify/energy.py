@@ -5,9 +5,7 @@ from typing import NamedTuple
 
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
-from monitor.identify.signals.checks import refuse_other_arm
-from monitor.identify.signals.coupling import at_motors
-from monitor.identify.signals.motion import motion
+from monitor.identify.signals.motion import at_motors, motion, refuse_other_arm
 from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.causes import Causes
-from monitor.identify.fit.equations import FitProblem
-from monitor.identify.fit.fit import Fit
+from monitor.identify.fit.covariance import Causes
+from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base

@@ -1,10 +1,4 @@
-"""Joint gains from a known payload: the torque per ampere of each joint, Gautier and Briot (2014).
-
-Currents alone leave the scale of all parameters open: an arm twice as heavy with gains twice as large draws the same currents. A known
-mass determines the scale. The noise is in the currents, which the gains multiply, so plain least squares would make every gain too small.
-Total least squares minimises Σ‖(gⱼ·iⱼ − torqueⱼ)/(gⱼ·σⱼ)‖² instead, with an exact regressor. This is least squares of the currents in the
-parameters b and 1/gⱼ. The unknowns are log gⱼ, so that no gain can become negative.
-"""
+"""Joint gains from currents beside torques: an e-Series controller from software 5.23 on reports both."""
 
 import math
 from collections.abc import Sequence
@@ -16,14 +10,32 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
-from monitor.identify.signals.checks import refuse_other_arm
-from monitor.identify.signals.coupling import at_motors
-from monitor.identify.signals.motion import Motion, SignalSettings, motion
+from monitor.identify.signals.motion import Motion, SignalSettings, at_motors, motion, refuse_other_arm
 from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Mask, Recording
+
+LARGEST_MISFIT = 0.01  # of the torque, RMS: beyond it the reported torque is no multiple of the current
+LEAST_CURRENT_A = 1e-3  # RMS: a joint with less says nothing
+
+
+def gains_from_torque(current_a: Array, torque_nm: Array) -> Array:
+    """(J,) torque per ampere [N·m/A]; NaN for a joint whose torque is no multiple of its current.
+
+    current_a, torque_nm : (N, J) of the same ticks. A controller may report a torque from which gravity has been taken away; that torque
+    is no multiple of the current while the arm stands in different attitudes, and for it no gain is given.
+    """
+    square = np.mean(current_a**2, axis=0)  # (J,) [A²]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gains = np.mean(current_a * torque_nm, axis=0) / square
+        misfit = np.sqrt(np.mean((torque_nm - gains * current_a) ** 2, axis=0) / np.mean(torque_nm**2, axis=0))
+    shown = (np.sqrt(square) > LEAST_CURRENT_A) & (gains > 0.0) & (misfit <= LARGEST_MISFIT)
+    return np.where(shown, gains, np.nan)
+
+
+# --- Joint gains from a known payload: the torque per ampere of each joint, Gautier and Briot (2014) ----
 
 LOAD_ROUNDS = 3  # the load on the gears and the gains are found in turn; each round gains a digit or more
 STEPS = 40  # of Gauss and Newton, at most; 6–10 are usual

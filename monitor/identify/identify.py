@@ -9,25 +9,17 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify import warnings as remarks_on
 from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
-from monitor.identify.fit.causes import Causes
-from monitor.identify.fit.covariance import covariances, law_doubt, mapped, positive
-from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
-from monitor.identify.fit.fit import Fit, first_fit, fit, refit
+from monitor.identify.fit.covariance import Causes, covariances, law_doubt, mapped, positive
+from monitor.identify.fit.fit import Fit, FitProblem, choose_law, equations_of, first_fit, fit, layout_of, mean_load, projection, refit
 from monitor.identify.fit.least_squares import Solution, best_condition, condition_number, together
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
-from monitor.identify.fit.projection import mean_load, projection
-from monitor.identify.fit.selection import choose_law
 from monitor.identify.gain_check import gain_warnings
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
-from monitor.identify.signals.checks import refuse_other_arm, refuse_twice
-from monitor.identify.signals.cleaning.rows import along_samples
-from monitor.identify.signals.coupling import at_motors
-from monitor.identify.signals.motion import Motion
+from monitor.identify.signals.motion import Motion, at_motors, joint_torque, mean_temperature, refuse_other_arm, refuse_twice, warming
 from monitor.identify.signals.ripple import combined, gear_ripple
-from monitor.identify.signals.temperature import mean_temperature, warming
-from monitor.identify.signals.together import motions_of
-from monitor.identify.signals.torque import joint_torque
+from monitor.identify.signals.rows import along_samples
+from monitor.identify.signals.same_motion import motions_of
 from monitor.identify.validate import errors_of, residual_peak
 from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters

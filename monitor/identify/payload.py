@@ -11,14 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit.equations import layout_of
+from monitor.identify.fit.fit import layout_of
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.signals.checks import refuse_other_arm
-from monitor.identify.signals.coupling import at_motors
-from monitor.identify.signals.motion import Motion, motion
-from monitor.identify.signals.torque import joint_torque
+from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
 from monitor.identify.warnings import DataWarning
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot

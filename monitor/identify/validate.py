@@ -6,13 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.fit.equations import layout_of
+from monitor.identify.fit.fit import layout_of
 from monitor.identify.identification import Identification, IdentifySettings
-from monitor.identify.signals.checks import refuse_other_arm
-from monitor.identify.signals.cleaning.rows import along_samples
-from monitor.identify.signals.coupling import at_motors
-from monitor.identify.signals.motion import Motion, motion
-from monitor.identify.signals.torque import joint_torque
+from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
+from monitor.identify.signals.rows import along_samples
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording

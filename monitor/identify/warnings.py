@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.identify.fit.least_squares import Rows
-from monitor.identify.signals.cleaning.clean import DOUBTS
+from monitor.identify.signals.cleaning import DOUBTS
 from monitor.identify.signals.motion import Motion
 from monitor.recording import Array, Mask, Recording
 

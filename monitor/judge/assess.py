@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.identify import identify
-from monitor.identify.signals.cleaning.quality import QualitySettings, quality_problem
+from monitor.identify.signals.cleaning import QualitySettings, quality_problem
 from monitor.judge import prediction_error
 from monitor.judge.alerts.health import Health, HealthSettings
 from monitor.judge.alerts.remaining_life import PrognosisSettings

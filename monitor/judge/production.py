@@ -10,9 +10,9 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
+from monitor.identify.production.arm import ProductionSettings
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.information import ProductionInformation
-from monitor.identify.production.settings import ProductionSettings
 from monitor.judge.alerts.health import Health, HealthSettings, Transition
 from monitor.judge.alerts.rules import judge_production
 from monitor.judge.belief import Belief

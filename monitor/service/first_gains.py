@@ -8,8 +8,7 @@ import numpy as np
 
 from monitor.acquire.survey import published_gains, reported_gains
 from monitor.errors import BadInput, RobotUnreachable
-from monitor.identify.gains import payload_gains
-from monitor.identify.gains_from_torque import gains_from_torque
+from monitor.identify.gains import gains_from_torque, payload_gains
 from monitor.model.reported_gains import REPORTED_GAINS
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array

@@ -20,11 +20,9 @@ from monitor.acquire.schedule.needed import suspicion_asks
 from monitor.errors import BadInput, MonitorError, StoreError, Unidentifiable
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm
+from monitor.identify.production.arm import ProductionArm, ProductionSettings, rows_of_columns
 from monitor.identify.production.gather import gather, initial
 from monitor.identify.production.information import ProductionInformation, information_from_document
-from monitor.identify.production.rows import rows_of_columns
-from monitor.identify.production.settings import ProductionSettings
 from monitor.judge.alerts.health import Health, alert_document
 from monitor.judge.assess import AssessSettings
 from monitor.judge.belief import Belief

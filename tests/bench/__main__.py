@@ -30,13 +30,10 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.identify.fit.least_squares import Rows, factors
     from monitor.identify.fit.physically_consistent import physically_consistent
     from monitor.identify.identify import identify, identify_motions
-    from monitor.identify.production.arm import ProductionArm
+    from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings
     from monitor.identify.production.estimate import estimate
     from monitor.identify.production.gather import gather
-    from monitor.identify.production.rows import ProductionRows
-    from monitor.identify.production.settings import ProductionSettings
-    from monitor.identify.signals.motion import motion
-    from monitor.identify.signals.torque import joint_torque
+    from monitor.identify.signals.motion import joint_torque, motion
     from monitor.judge.assess import assess
     from monitor.model.base import base_parameters
     from monitor.model.regressor import felt_columns, felt_regressor, regressor
@@ -147,8 +144,7 @@ class Figaroh:
 def show_errors() -> None:
     """The error of both on the motion that was fitted and on one that was not, as a part of the torque."""
     from monitor.identify.identify import identify
-    from monitor.identify.signals.motion import motion
-    from monitor.identify.signals.torque import joint_torque
+    from monitor.identify.signals.motion import joint_torque, motion
     from monitor.identify.validate import predict_motion
     from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings

@@ -13,19 +13,16 @@ import numpy as np
 import scipy
 
 from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
-from monitor.identify.fit.causes import Causes
-from monitor.identify.fit.covariance import covariances
-from monitor.identify.fit.equations import FitProblem, equations_of, layout_of
-from monitor.identify.fit.fit import first_fit
+from monitor.identify.fit.covariance import Causes, covariances
+from monitor.identify.fit.fit import FitProblem, equations_of, first_fit, layout_of
 from monitor.identify.gain_check import gain_warnings
 from monitor.identify.identification import IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.mounting import mounting_check
-from monitor.identify.signals.cleaning.rows import along_samples
 from monitor.identify.signals.filters import low_pass
-from monitor.identify.signals.motion import motion
+from monitor.identify.signals.motion import joint_torque, motion
 from monitor.identify.signals.ripple import gear_ripple
-from monitor.identify.signals.torque import joint_torque
+from monitor.identify.signals.rows import along_samples
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor
 from monitor.model.robot import Mounting, Robot

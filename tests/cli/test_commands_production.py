@@ -9,7 +9,7 @@ import pytest
 from command_line import printed
 
 from monitor.errors import BadInput, StoreError
-from monitor.identify.production.rows import ProductionRows
+from monitor.identify.production.arm import ProductionRows
 from monitor.model.robot import Mounting, load_robot
 from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.from_files.production_files import ListenRequest, listen_to_files

@@ -13,7 +13,7 @@ from monitor.cli.init import free_ports
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.errors import BadInput
-from monitor.identify.gains_from_torque import gains_from_torque
+from monitor.identify.gains import gains_from_torque
 from monitor.model.reported_gains import REPORTED_GAINS
 from monitor.model.robot import load_robot
 from monitor.simulate.arm.physics import drive_gain

@@ -13,8 +13,7 @@ from scipy.signal import lfilter
 from monitor.config.files import find_excitation
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm
-from monitor.identify.production.rows import ProductionRows
+from monitor.identify.production.arm import ProductionArm, ProductionRows
 from monitor.model.regressor import regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
 from monitor.recording import Array, Context, Recording

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.cleaning.clean import cleaned
+from monitor.identify.signals.cleaning import cleaned
 from monitor.identify.signals.motion import motion
 from monitor.identify.warnings import of_motion
 from monitor.recording import Recording

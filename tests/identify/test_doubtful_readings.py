@@ -12,8 +12,7 @@ from oracle_arm import GROUND
 from own_physics import UR5, productioned_arm
 
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import motion
-from monitor.identify.signals.temperature import mean_temperature, warming
+from monitor.identify.signals.motion import mean_temperature, motion, warming
 from monitor.identify.validate import validate
 from monitor.store.formats.recordings import write_recording
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.identify.fit import felt, least_squares
-from monitor.identify.fit.felt import Felt
+from monitor.identify.fit import least_squares
+from monitor.identify.fit import least_squares as felt
 from monitor.identify.fit.jackknife import jackknife_covariance
-from monitor.identify.fit.least_squares import Beside, Rows, factors, residual_rms, solve
+from monitor.identify.fit.least_squares import Beside, Felt, Rows, factors, residual_rms, solve
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor, felt_weight, friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot

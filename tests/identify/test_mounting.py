@@ -8,8 +8,7 @@ import pytest
 from oracle_arm import exact_motion, excitation, recording, truth
 
 from monitor.identify.mounting import mounting_check, upward
-from monitor.identify.signals.motion import motion
-from monitor.identify.signals.torque import joint_torque
+from monitor.identify.signals.motion import joint_torque, motion
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings

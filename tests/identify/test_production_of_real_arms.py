@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm
+from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings
 from monitor.identify.production.estimate import estimate
 from monitor.identify.production.gather import gather
-from monitor.identify.production.rows import ProductionRows
-from monitor.identify.production.settings import ProductionSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.store.formats.recordings import read_recording
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from monitor.identify.production.scatter import USUAL_SCALE, Days, between_days, noise_scale
+from monitor.identify.production.information import USUAL_SCALE, Days, between_days, noise_scale
 
 USUAL, FRICTION = 0.015, np.array([12.0, 13.0, 10.0, 2.5, 2.4, 2.3])
 

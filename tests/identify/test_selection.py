@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from monitor.identify.fit.fit import errors_left_out, factors_of_others
 from monitor.identify.fit.least_squares import Factor, triangle
-from monitor.identify.fit.selection import errors_left_out, factors_of_others
 
 ROWS, COLUMNS = 60, 12
 

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from oracle_arm import GROUND, recording, truth
 
 from monitor.identify.identify import identify
-from monitor.identify.signals.cleaning.chain import EDGE_ROWS
-from monitor.identify.signals.cleaning.rows import sound_rows
 from monitor.identify.signals.motion import motion
+from monitor.identify.signals.rows import EDGE_ROWS, sound_rows
 from monitor.model.robot import load_robot
 
 UR5 = load_robot("ur5")

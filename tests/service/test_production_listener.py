@@ -19,7 +19,7 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.acquire.rows import columns
 from monitor.acquire.ur.rtde import COLUMN, WIDTH
-from monitor.identify.production.rows import rows_of_columns
+from monitor.identify.production.arm import rows_of_columns
 from monitor.judge.alerts.health import health_from_document
 from monitor.judge.belief import belief_from_document
 from monitor.publish.metrics import families
@@ -201,7 +201,7 @@ def test_a_process_of_its_own_judges_a_day_of_production_to_the_last_bit_and_the
     given.write_bytes(pickle.dumps((arm, rows_of(plant.motions[0], 0.0), other.production._settings)))
     code = (
         "import pickle, sys, monitor.service.run\nfrom pathlib import Path\nfrom monitor.acquire.rows import columns\n"
-        "from monitor.identify.production.gather import gather\nfrom monitor.identify.production.rows import rows_of_columns\n"
+        "from monitor.identify.production.gather import gather\nfrom monitor.identify.production.arm import rows_of_columns\n"
         f"arm, block, settings = pickle.loads(Path({str(given)!r}).read_bytes())\n"
         "assert gather(rows_of_columns(columns(block), at_unix_s=1e9), arm, settings).cells\n"
         "heavy = ('scipy.linalg', 'scipy.signal', 'scipy.special', 'scipy.ndimage', 'filterpy', 'pyarrow', 'pinocchio')\n"

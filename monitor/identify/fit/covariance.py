@@ -1,18 +1,103 @@
-"""How sure a fit is: the covariance by noise alone, and by noise and misfit of the friction law together."""
+"""The fit once more beside every repeatable cause that has a name.
+
+The causes are the law of the residual friction, a delay between torque and motion, the warming during the recording, and an offset of the
+torque. All are fitted on a part of the rows, which says as much as all of them, and each question takes the causes that it needs.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.causes import REPEATABLE, Causes
-from monitor.identify.fit.equations import FitProblem
-from monitor.identify.fit.fit import Fit, robust_inflation
+from monitor.identify.fit.fit import Fit, FitProblem, mean_load, robust_inflation
 from monitor.identify.fit.jackknife import jackknife_covariances
-from monitor.identify.fit.least_squares import Solution
-from monitor.identify.fit.projection import mean_load
+from monitor.identify.fit.least_squares import Beside, Factor, Felt, Rows, Solution, factors, residuals_beside, solve
 from monitor.model.friction import residual_law
 from monitor.recording import Array
+
+OTHER_CAUSES = ("delay", "warming_fc", "warming_fv", "offset")  # columns of each joint behind those of the law
+REPEATABLE = ("delay", "warming_fc", "warming_fv")  # causes that are no noise
+
+
+class Causes:
+    """The equations of a fit and the columns of the causes, of one of `every` samples."""
+
+    def __init__(self, problem: FitProblem, found: Fit, every: int) -> None:
+        """Of a fit, perhaps moved to a physically consistent arm."""
+        law, B = residual_law(), len(problem.prior)
+        self._found, self._prior, self._terms = found, problem.prior, len(law.extra_terms)
+        self.every, self.rows, self._columns = every, list[Rows](), list[Array]()
+        for eq, before, torque in zip(problem.equations, found.rows, found.torques, strict=True):
+            moved = eq.motion
+            self.rows.append(before.thinned(every, B))
+            own = law.columns(moved.qd, eq.load(found.solution.values[:B], problem.layout))  # (N, J, K), fc's and fv's first
+            own[:, :, :2] *= (moved.t_s - np.mean(moved.t_s))[:, None, None]  # they become those of the warming
+            own, E = moved.rounded(own)[::every], self._terms
+            columns = np.empty((len(self.rows[-1].torque_nm), torque.shape[1], E + len(OTHER_CAUSES)), order="F")
+            columns[:, :, :E], columns[:, :, E + 1 : E + 3] = own[:, :, 2:], own[:, :, :2]
+            columns[:, :, E] = -moved.rate_hz * np.gradient(torque, axis=0)[::every]  # of a torque that comes later
+            columns[:, :, E + 3] = 1.0
+            self._columns.append(columns)
+        if every == 1:
+            self._joints = Beside(self.rows, found.joints).with_own(self._columns)
+        else:
+            pairs = zip(self.rows, self._columns, strict=True)
+            self._joints = factors([rec._replace(Y=Felt.of(rec.Y).with_own(more)) for rec, more in pairs])
+        self._solutions: dict[tuple[str, ...], Solution] = {}
+
+    def beside(self, others: Sequence[str]) -> tuple[Solution, list[Array]]:
+        """The fit beside the law of the residual friction and these of `OTHER_CAUSES`: solution and residuals (n, J) [N·m].
+
+        The solution's unknowns are those of the law, then each joint's share of the other causes in the order of `OTHER_CAUSES`.
+        """
+        J, B = len(self._joints), len(self._prior)
+        chosen, solution = self._chosen(others), self._solved(others)
+        residuals = residuals_beside(self.rows, [columns[:, :, chosen] for columns in self._columns], solution.values)
+        own = B + np.arange(J * len(chosen)).reshape(J, -1)  # (J, E) places of each joint's own columns
+        order = np.concatenate([np.arange(B), own[:, : self._terms].ravel(), own[:, self._terms :].ravel()])
+        return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals
+
+    def gains(self) -> tuple[Array, Array, int] | None:
+        """What is left of a gain of each joint (r, J), and of the torque (r,), beside the fit and `REPEATABLE`; and the number of rows.
+
+        A gain scales the torque of the fitted arm in the rows of one joint. That joint's friction is its own and beside it anyway, so only
+        the links that joints share tell of the gain. None where the unknowns beside which they are left are not all determined.
+        """
+        B, solution = len(self._prior), self._solved(REPEATABLE)
+        if not solution.excited.all():
+            return None
+        factors = [weight * factor.R for weight, factor in zip(self._found.weights, self._factors(REPEATABLE), strict=True)]
+        A = np.concatenate(factors)  # (r, X + 1)
+        gains, first = np.zeros((len(A), len(factors))), 0
+        for j, R in enumerate(factors):  # the torque of the fit lies in the span of its columns: no pass over the rows
+            gains[first : first + len(R), j] = R[:, :B] @ self._found.solution.values[:B]
+            first += len(R)
+        unknowns, W = A[:, :-1], solution.directions  # unknowns · W is orthonormal
+        left = gains - unknowns @ (W @ (W.T @ (unknowns.T @ gains)))
+        return left, A[:, -1] - unknowns @ solution.values, sum(factor.samples for factor in self._joints)
+
+    def _solved(self, others: Sequence[str]) -> Solution:
+        """The fit beside these causes, joint after joint in the order of `_factors`; solved once, as several questions ask for the same."""
+        key = tuple(others)
+        if key not in self._solutions:
+            unknowns = len(self._prior) + len(self._joints) * len(self._chosen(others))
+            prior = np.append(self._prior, np.zeros(unknowns - len(self._prior)))
+            self._solutions[key] = solve(self._factors(others), self._found.weights, prior)
+        return self._solutions[key]
+
+    def _factors(self, others: Sequence[str]) -> list[Factor]:
+        """The factors with the columns of the law and of these causes alone."""
+        B, E = len(self._prior), self._terms + len(OTHER_CAUSES)
+        own = B + E * np.arange(len(self._joints))[:, None] + self._chosen(others)
+        places = np.concatenate([np.arange(B), own.ravel(), [-1]])
+        return [Factor(factor.R[:, places], factor.samples) for factor in self._joints]
+
+    def _chosen(self, others: Sequence[str]) -> list[int]:
+        """Numbers, among a joint's own columns, of those of the law and of these others."""
+        return [*range(self._terms), *(self._terms + k for k, name in enumerate(OTHER_CAUSES) if name in others)]
+
+
+# --- How sure a fit is: the covariance by noise alone, and by noise and misfit of the friction law together ---
 
 
 class Covariances(NamedTuple):

@@ -1,32 +1,130 @@
-"""The fit: from equations of motion to parameters, for any friction law, with rigid parameters free or frozen.
+"""The equations of motion of recordings, and where each unknown of a fit lies.
 
-Load and parameters are found in turn: a fit predicts the torque through the gears, and with this load the next fit follows. A prediction
-therefore needs no measured torque.
+The unknowns x are the B base parameters, then, for laws richer than the paper's, each joint's friction parameters after fc and fv:
+x = [base; joint 1's; joint 2's; …], X in all. The load of a gear is the torque of the rigid arm that the fit itself predicts. The measured
+torque would be a wrong load: it contains the friction, and its noise would then stand on both sides of the equation.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.equations import FitProblem
-from monitor.identify.fit.felt import Felt
-from monitor.identify.fit.jackknife import CORRELATED_S
+from monitor.identify.fit.jackknife import CORRELATED_S, block_steps
 from monitor.identify.fit.least_squares import (
     Beside,
     Factor,
+    Felt,
     Rows,
     Solution,
     factors,
+    joined,
     residual_rms,
     residuals_beside,
     solve,
     triangle,
 )
-from monitor.model.friction import PAPER, FrictionLaw
-from monitor.recording import Array
+from monitor.identify.signals.motion import Motion
+from monitor.model.base import Base
+from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
+from monitor.model.regressor import ROTOR, felt_columns, felt_regressor, friction_columns
+from monitor.model.robot import PER_JOINT, Mounting, Robot
+from monitor.recording import Array, Indices, Mask
+
+
+class Layout(NamedTuple):
+    """Where the unknowns lie."""
+
+    rigid: Mask  # (B,) False for fc and fv
+    load: Mask  # (B,) the rigid parameters whose torque passes through the gear
+    friction: Indices  # (J, 2) places of fc and fv
+    frozen: bool  # True: rigid parameters stay at the prior
+
+    def of_law(self, law: FrictionLaw) -> Indices:
+        """(J, K) places of each joint's friction parameters, in the order of the law's terms."""
+        J, extras = len(self.friction), len(law.extra_terms)
+        return np.concatenate([self.friction, len(self.rigid) + np.arange(J * extras).reshape(J, extras)], axis=1)
+
+
+def layout_of(columns: Sequence[int], joints: int, *, frozen: bool = False) -> Layout:
+    """The layout for the columns (B,) of the regressor that the base parameters keep.
+
+    A rotor's inertia loads the motor and not the gear. On the first joints the rotor has no column of its own, since no motion tells its
+    inertia from that of the link. There it counts as load.
+    """
+    friction = np.searchsorted(columns, np.stack(friction_columns(joints), axis=1))  # (J, 2)
+    rigid = np.ones(len(columns), dtype=bool)
+    rigid[friction] = False
+    return Layout(rigid, rigid & (np.asarray(columns) % PER_JOINT != ROTOR), friction, frozen)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Equations:
+    """One recording's rows in the paper's base parameters, from which the rows of any law are made."""
+
+    motion: Motion
+    Y: Felt  # (N, J, B) base regressor; the column of fc passed the filter of the torque
+    torque_nm: Array  # (N, J)
+    used: Mask  # (N, J) the rows that are fitted
+    steps: Indices  # (N,) as in `Rows`
+
+    def load(self, values: Array, layout: Layout) -> Array:
+        """(N, J) torque through the gears [N·m] by base parameters `values` (B,)."""
+        torque: Array = self.Y @ np.where(layout.load, values, 0.0)
+        return torque
+
+    def rows(self, law: FrictionLaw, values: Array, layout: Layout, robust_weight: Array | None = None) -> Rows:
+        """The rows in the unknowns of the law, with the load that base parameters `values` (B,) predict. robust_weight : as in `Rows`."""
+        Y, torque = self.Y, self.torque_nm
+        if layout.frozen:
+            torque = torque - Y @ np.where(layout.rigid, values, 0.0)
+            Y = Y.only(~layout.rigid)
+        if law.extra_terms:
+            Y = Y.with_own(self.extra_columns(law, values, layout))
+        return Rows(Y, torque, self.used, self.steps, self.motion.segments, robust_weight)
+
+    def extra_columns(self, law: FrictionLaw, values: Array, layout: Layout) -> Array:
+        """(N, J, K − 2) each joint's columns of the law after fc's and fv's, filtered as the torque was."""
+        return self.motion.rounded(law.columns(self.motion.qd, self.load(values, layout), first=len(PAPER.terms)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitProblem:
+    """What a fit needs to know."""
+
+    equations: Sequence[Equations]  # of each recording
+    layout: Layout
+    prior: Array  # (B,) of base parameters that the data do not determine, and of frozen rigid parameters
+
+    @property
+    def redundancy(self) -> int:
+        """One of so many samples says as much as all: enough to choose a law and for a covariance, at a fraction of the time."""
+        return min(eq.motion.redundancy for eq in self.equations)
+
+
+def equations_of(
+    moved: Motion, torque_nm: Array, robot: Robot, mounting: Mounting, base: Base, *, all_rows: bool, moving_rad_s: float, block_s: float
+) -> Equations:
+    """The equations of one motion with torque_nm (N, J).
+
+    all_rows : fit the rows in which a joint is slower than `moving_rad_s` too. block_s : length of the jackknife's blocks.
+    The measured torque passed a filter that rounds the step of Coulomb friction, so the column of fc passes the same filter. With a sharp
+    step in the column, fc would be too small by several of its standard deviations, and fv too large.
+    """
+    felt = felt_columns(base.columns, robot.joints, robot.innermost)
+
+    def make(at: slice | Indices) -> list[Array]:
+        return felt_regressor(robot, mounting, felt, moved.q[at], moved.qd[at], moved.qdd[at], moved.direction[at])
+
+    Y = Felt(moved.samples, base.count, felt.places, make)
+    used = np.ones(torque_nm.shape, dtype=bool) if all_rows else moved.moving(moving_rad_s)
+    return Equations(motion=moved, Y=Y, torque_nm=torque_nm, used=used, steps=block_steps(moved, block_s))
+
+
+# --- The fit: from equations of motion to parameters, for any friction law, with rigid parameters free or frozen ---
 
 REWEIGHTINGS = 3  # the scales of the joints settle to 1 % in two
 LOAD_ROUNDS = 3  # friction is a tenth of the torque, and the load's part a tenth of friction: each round gains two digits
@@ -186,3 +284,124 @@ def _robust_scale(rows: Sequence[Rows], residuals: Sequence[Array]) -> Array:
         floor = 1e-9 * float(np.sqrt(np.mean(size**2))) + 1e-12
         scales.append(max(MAD * float(np.median(np.abs(e))) if len(e) else 1.0, floor))
     return np.array(scales)
+
+
+# --- fc and fv of a friction law with more terms: the paper's line fc·sign(q̇) + fv·q̇ that fits the law best ---
+
+
+def projection(problem: FitProblem, loads: Sequence[Array], found: Fit) -> Array:
+    """(B, X) matrix from the law's unknowns to the paper's base parameters.
+
+    Rigid parameters stay as they are. A joint's friction unknowns become fc and fv of the line fc·s(q̇) + fv·q̇ that is nearest to the law
+    by least squares over the rows used; s is the law's sign function. loads : (N, J) torque through the gears of each
+    recording [N·m].
+    """
+    layout = problem.layout
+    if found.law == PAPER:
+        return np.eye(len(layout.rigid))
+    B, places = len(layout.rigid), layout.of_law(found.law)
+    M = np.eye(B, len(found.solution.values))
+    for j, own in enumerate(places):
+        columns = [
+            found.law.columns(eq.motion.qd[eq.used[:, j], j], load[eq.used[:, j], j])
+            for eq, load in zip(problem.equations, loads, strict=True)
+        ]
+        line = np.concatenate(columns)  # (n, K)
+        nearest, _, rank, _ = np.linalg.lstsq(line[:, :2], line, rcond=None)
+        if rank == 2:  # else the joint's rows show no line, and fc and fv stay as unknown as they are
+            M[layout.friction[j, :, None], own] = nearest
+    return M
+
+
+def mean_load(problem: FitProblem, loads: Sequence[Array]) -> Array:
+    """(J,) mean |τ| through each gear over the rows used [N·m]; 0 where there are none. loads : as for `projection`."""
+    equations = problem.equations
+    total = np.sum([np.sum(np.abs(load) * eq.used, axis=0) for eq, load in zip(equations, loads, strict=True)], axis=0)
+    mean: Array = total / np.maximum(np.sum([np.sum(eq.used, axis=0) for eq in equations], axis=0), 1)
+    return mean
+
+
+# --- The choice `auto` of a friction law: the simplest law that predicts data left out as well as the best does ---
+
+FOLDS = 10  # stretches of time, each far longer than the time over which residuals are correlated (0.5 s)
+
+
+class Choice(NamedTuple):
+    """A law, and the RMS residual of every law on data to which it was not fitted, in units of the residual of the paper's law."""
+
+    law: FrictionLaw
+    held_out: Mapping[str, float]
+
+
+def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Choice:
+    """Cross-validation over stretches of time within the recordings.
+
+    Every law is fitted to the other stretches and tested on this one. A richer law replaces a simpler one only where its error is smaller
+    by more than the standard error of the difference over the stretches. start : as for `fit`.
+    """
+    prior, richest, laws = problem.prior, law_of_every_term(), automatic_laws()
+    start = first_fit(problem, method) if start is None else start
+    every = problem.redundancy
+    # one round: the load is then right to a hundredth, for all laws alike
+    rows = [rec.thinned(every) for rec in fit(problem, richest, method=method, start=start, rounds=1).rows]
+    weights = fit(problem, PAPER, method=method, start=start).weights  # (J,) one scale, so that all laws are compared alike
+    # term after term: the columns of most laws are then the first ones, and their factor is a part of the factor of all
+    B, own = len(prior), problem.layout.of_law(richest)[:, 2:]  # (J, E)
+    order = np.concatenate([np.arange(B), own.T.ravel(), [-1]])
+    folds = [_fold([_stretch(rec, k) for rec in rows], weights, order) for k in range(FOLDS)]
+    others = factors_of_others([fold.R for fold in folds])
+    errors = {}
+    for law in laws:
+        terms = [richest.extra_terms.index(term) for term in law.extra_terms]
+        columns = np.concatenate([np.arange(B), *(B + len(own) * k + np.arange(len(own)) for k in terms), [-1]]).astype(np.intp)
+        expected = np.append(prior, np.zeros(len(columns) - 1 - B))
+        errors[law.name] = errors_left_out(folds, others, columns, expected)
+    best = PAPER
+    for law in laws[1:]:
+        gain = errors[best.name] - errors[law.name]  # (F,) mean squares
+        if np.mean(gain) > np.std(gain, ddof=1) / np.sqrt(FOLDS):
+            best = law
+    return Choice(best, {name: float(np.sqrt(np.mean(error))) for name, error in errors.items()})
+
+
+def _stretch(rec: Rows, k: int) -> Rows:
+    """The k-th of FOLDS parts of a recording."""
+    N = len(rec.steps)
+    first, last = -(-k * N // FOLDS), -(-(k + 1) * N // FOLDS)
+    on = slice(first, last)
+    robust_weight = None if rec.robust_weight is None else rec.robust_weight[on]
+    return Rows(Felt.of(rec.Y).part(first, last), rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
+
+
+def _fold(rows: Sequence[Rows], weights: Array, order: Indices) -> Factor:
+    """One factor of all joints' rows, weighted, with its columns in this order."""
+    joints = factors(rows)
+    return Factor(
+        triangle(np.concatenate([weight * factor.R[:, order] for weight, factor in zip(weights, joints, strict=True)])),
+        sum(factor.samples for factor in joints),
+    )
+
+
+def factors_of_others(folds: Sequence[Array]) -> list[Array]:
+    """Of each stretch the factor of all other stretches."""
+    before = [folds[0][:0]]  # factor of all stretches before this one
+    for R in folds[:-1]:
+        before.append(joined(before[-1], R))
+    after, others = folds[0][:0], []
+    for R, earlier in zip(reversed(folds), reversed(before), strict=True):
+        others.append(joined(earlier, after))
+        after = joined(R, after)
+    return others[::-1]
+
+
+def errors_left_out(folds: Sequence[Factor], others: Sequence[Array], columns: Indices, expected: Array) -> Array:
+    """(F,) mean square residual of each stretch after the fit of these columns to all other stretches; rows are weighted."""
+    K = len(expected)
+    first = np.array_equal(columns[:-1], np.arange(K))
+    errors = []
+    for fold, R in zip(folds, others, strict=True):
+        # of the first columns, the later rows hold nothing but what no solution explains
+        rest = R[: K + 1, columns] if first else triangle(R[:, columns])
+        left = fold.R[:, columns] @ np.append(solve([Factor(rest, 1)], np.ones(1), expected).values, -1.0)
+        errors.append(float(left @ left) / max(fold.samples, 1))
+    return np.array(errors)

@@ -13,8 +13,7 @@ import numpy as np
 import scipy
 
 from monitor.errors import Unidentifiable
-from monitor.identify.fit.felt import Felt
-from monitor.identify.fit.least_squares import Rows, Solution, residuals_of
+from monitor.identify.fit.least_squares import Felt, Rows, Solution, residuals_of
 from monitor.identify.signals.motion import Motion
 from monitor.recording import Array, Indices
 

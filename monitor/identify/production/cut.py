@@ -9,13 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.production.arm import LOADS, ProductionArm
-from monitor.identify.production.rows import ProductionRows
-from monitor.identify.signals.cleaning.rows import sound_rows
-from monitor.identify.signals.coupling import at_motors
+from monitor.identify.production.arm import LOADS, ProductionArm, ProductionRows
 from monitor.identify.signals.filters import filtered, low_pass, uniform
-from monitor.identify.signals.motion import ENOUGH_SAMPLES, SignalSettings
-from monitor.identify.signals.torque import drive_torque
+from monitor.identify.signals.motion import ENOUGH_SAMPLES, SignalSettings, at_motors, drive_torque
+from monitor.identify.signals.rows import sound_rows
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Indices, Mask, Recording
 

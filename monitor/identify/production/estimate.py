@@ -15,11 +15,18 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.identify.production.arm import friction_terms, rigid_parameters, rigid_places
+from monitor.identify.production.arm import ProductionSettings, friction_terms, rigid_parameters, rigid_places
 from monitor.identify.production.gather import excess
-from monitor.identify.production.information import NO_BIN, ProductionInformation, Sums, added
-from monitor.identify.production.scatter import Days, between_days, between_paths, noise_scale
-from monitor.identify.production.settings import ProductionSettings
+from monitor.identify.production.information import (
+    NO_BIN,
+    Days,
+    ProductionInformation,
+    Sums,
+    added,
+    between_days,
+    between_paths,
+    noise_scale,
+)
 from monitor.reason import joint_text
 from monitor.recording import DAY_S, Array, Mask, known_or_none
 

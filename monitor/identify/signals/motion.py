@@ -1,9 +1,6 @@
-"""Motion: the signals of a recording on one even clock, filtered without delay, with q̈.
+"""Whether recordings and a robot belong together."""
 
-All signals pass the same filter, forward and backward. A delay between current and speed would appear as viscous friction.
-"""
-
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, NamedTuple
@@ -11,16 +8,46 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from monitor.errors import Unidentifiable
-from monitor.identify.signals.cleaning.clean import Repair, cleaned
-from monitor.identify.signals.cleaning.drives import check_drives, refuse_other_unit
-from monitor.identify.signals.cleaning.readings import check_temperatures, plausible_temperatures
-from monitor.identify.signals.cleaning.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
+from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.signals.cleaning import Repair, check_drives, check_temperatures, cleaned, plausible_temperatures, refuse_other_unit
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
 from monitor.identify.signals.order import median, quantiles
 from monitor.identify.signals.ripple import Unfiltered
+from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
+from monitor.model.robot import Robot
 from monitor.recording import Array, Indices, Mask, Recording
+
+
+def refuse_other_arm(recording: Recording, robot: Robot) -> None:
+    """Raises BadInput where the recording names another robot model than the one given. A recording without a name passes."""
+    made_by = recording.context.robot
+    if made_by is not None and made_by != robot.name:
+        raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
+
+
+def refuse_twice(recordings: Sequence[Recording]) -> None:
+    """Raises BadInput where one recording is given twice: it would count as two independent measurements."""
+    for number, one in enumerate(recordings):
+        for other in recordings[:number]:
+            if one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q):
+                raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
+
+
+# --- Recordings of arms whose motors are coupled, in the positions of the motors ------------------------
+
+
+def at_motors(recording: Recording, robot: Robot) -> Recording:
+    """The recording with the positions of the motors, each in units of its own joint, where it holds those of coupled joints.
+
+    Currents are those of the motors already. In these coordinates friction belongs to one motor alone, and so does its ripple.
+    """
+    if robot.coupling is None or robot.recorded_at_motors or recording.joints != robot.joints:
+        return recording
+    return recording.changed(("q", "qd", "qdd", "target_q", "target_qd", "target_qdd"), robot.motors_of)
+
+
+# --- Motion: the signals of a recording on one even clock, filtered without delay, with q̈ --------------
 
 OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is noise, a sign or a unit
 LEAST_ACCELERATION = 0.1  # [rad/s²]
@@ -359,3 +386,81 @@ def _temperature(recording: Recording, keep: Indices, t_s: Array) -> Array | Non
         sound_s, sound = (measured_s, measured[:, j]) if sensible.all() else (measured_s[sensible], measured[sensible, j])
         temperature_c[:, j] = np.interp(t_s, sound_s, sound) if len(sound) else np.nan
     return temperature_c
+
+
+# --- Joint torque, as the drives report it --------------------------------------------------------------
+
+GAIN_NM_PER_A = (1e-3, 1e4)  # plausible torque per ampere: from a small servo to ten times the largest joint of any arm
+
+
+def joint_torque(motion: Motion, robot: Robot, gains: Array | None = None) -> Array:
+    """Joint torque (N, J) [N·m] of a motion. Raises BadInput as `drive_torque`, and where the robot has another number of joints."""
+    name = motion.source or "recording"
+    if motion.q.shape[1] != robot.joints:
+        raise BadInput(f"{name}: has {motion.q.shape[1]} joints; {robot.name} has {robot.joints}")
+    return drive_torque(name, motion.torque, motion.current, robot, gains)
+
+
+def drive_torque(name: str, torque: Array | None, current: Array | None, robot: Robot, gains: Array | None = None) -> Array:
+    """Joint torque (N, J) [N·m]: the measured torque where there is one, else current × gain.
+
+    gains : (J,) torque per ampere at the joint [N·m/A]; None for the published torque constant × gear ratio, Raviola et al. (2021),
+    table 2. Raises BadInput where there is neither torque nor current, or gains are missing or implausible.
+    """
+    if gains is not None and (gains.shape != (robot.joints,) or not np.all((gains >= GAIN_NM_PER_A[0]) & (gains <= GAIN_NM_PER_A[1]))):
+        least, most = GAIN_NM_PER_A
+        given = np.array2string(np.asarray(gains), separator=",")
+        raise BadInput(f"--gains: {given}; expected {robot.joints} numbers between {least:g} and {most:g} [N·m/A]")
+    if torque is not None and (gains is None or current is None):
+        return torque
+    if current is None:
+        raise BadInput(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
+    if gains is None:
+        gains = robot.drive_gain_nm_per_a
+        if not np.all(np.isfinite(gains)):
+            raise BadInput(
+                f"{robot.name}: the torque constants of this model are not published; give the joint gains "
+                f"as --gains with {robot.joints} numbers [N·m/A], in a configuration as robot.gains_nm_per_a, or record torque"
+            )
+    driven: Array = current * gains
+    return driven
+
+
+# --- The joints' temperatures over whole recordings -----------------------------------------------------
+
+
+def mean_temperature(motions: Sequence[Motion]) -> Array | None:
+    """(J,) mean over all samples of all motions [°C]; None where one of them has no temperatures."""
+    measured = [moved.temperature_c for moved in motions if moved.temperature_c is not None]
+    if len(measured) < len(motions):
+        return None
+    mean: Array = np.mean(np.concatenate(measured), axis=0)
+    return mean
+
+
+def warming(recordings: Sequence[Recording]) -> Array | None:
+    """(J,) slope of temperature over time [K/min], the mean over the recordings; None where one of them does not determine it."""
+    slopes = []
+    for recording in recordings:
+        if recording.temperature_c is None:
+            return None
+        good = plausible_temperatures(recording.temperature_c) & np.isfinite(recording.t_s)[:, None]
+        if good.all():  # most often
+            slope = _slopes(recording.t_s, recording.temperature_c)
+        else:
+            each = zip(recording.temperature_c.T, good.T, strict=True)
+            slope = np.concatenate([_slopes(recording.t_s[on], column[on, None]) for column, on in each])
+        if np.any(np.isnan(slope)):
+            return None
+        slopes.append(slope)
+    mean: Array = np.mean(slopes, axis=0)
+    return mean
+
+
+def _slopes(t_s: Array, temperature_c: Array) -> Array:
+    """(J,) slope of each column (N, J) over time [K/min]; NaN where no time passes."""
+    if len(t_s) < 2 or not np.ptp(t_s) > 0.0:
+        return np.full(temperature_c.shape[1], np.nan)
+    t = t_s - np.mean(t_s)
+    slopes: Array = 60.0 * (t @ temperature_c) / (t @ t)
+    return slopes

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.production.rows import EXTRA_COLUMNS, ProductionRows
+from monitor.identify.production.arm import EXTRA_COLUMNS, ProductionRows
 from monitor.recording import JOINT_COLUMNS, Array, Recording
 
 SCALAR_COLUMNS = {

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from monitor.errors import BadInput, StoreError
-from monitor.identify.production.rows import ProductionRows
+from monitor.identify.production.arm import ProductionRows
 from monitor.recording import Array, Context, Recording
 from monitor.store.formats.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, production_rows, signals_of
 from monitor.store.formats.text_recordings import read_text

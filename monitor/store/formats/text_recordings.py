@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.identify.production.rows import ProductionRows
+from monitor.identify.production.arm import ProductionRows
 from monitor.recording import Array, Context, Recording
 from monitor.store.formats.columns import Layout, constant_value, layout_by_name, parse_columns, production_rows, signals_of
 
