@@ -11,7 +11,7 @@ import orjson
 
 from monitor.errors import StoreError
 from monitor.reason import Sentence
-from monitor.store.history.database import Database, json_text, packed, reason_column, unpacked
+from monitor.store.history.database import Database, Document, State, json_text, packed, reason_column
 from monitor.store.history.events import AlertEvent, insert_events
 from monitor.store.history.maintenance import insert_maintenance
 
@@ -28,8 +28,17 @@ class StoredAssessment(NamedTuple):
     ledger_id: int
     recorded_at_unix_s: float
     judged_at_unix_s: float
-    document: dict[str, Any]
+    document: Document
     made_with: str | None  # digest of the provenance; None: made before provenance was kept
+
+
+class FrictionRow(NamedTuple):
+    """Friction of one joint, as one replay found it."""
+
+    replay: int
+    joint: int  # from 1
+    recorded_at_unix_s: float
+    document: Document
 
 
 class JudgedReplay(NamedTuple):
@@ -47,9 +56,9 @@ class StoredState:
     """The estimator's present state, as the documents that `judge` made of it."""
 
     revision: int  # counts assessments
-    belief: dict[str, Any]
-    health: dict[str, Any]
-    model: dict[str, Any]
+    belief: Document
+    health: Document
+    model: Document
 
 
 class Assessments:
@@ -125,24 +134,24 @@ class Assessments:
         )
         return [JudgedReplay(*row) for row in rows]
 
-    def document(self, ledger_id: int) -> dict[str, Any]:
+    def document(self, ledger_id: int) -> Document:
         """What was said of one replay."""
         ((text,),) = self._db.rows("SELECT document FROM assessment WHERE ledger_id = ?", (ledger_id,))
-        found: dict[str, Any] = json.loads(text)
+        found: Document = json.loads(text)
         return found
 
-    def provenance(self, digest: str) -> dict[str, Any]:
+    def provenance(self, digest: str) -> Document:
         """The provenance with this digest."""
         ((document,),) = self._db.rows("SELECT document FROM provenance WHERE digest = ?", (digest,))
-        found: dict[str, Any] = json.loads(document)
+        found: Document = json.loads(document)
         return found
 
-    def checkpoint(self, ledger_id: int) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    def checkpoint(self, ledger_id: int) -> State | None:
         """Belief and health after this assessment; None where they were not kept."""
         rows = self._db.rows("SELECT belief, health FROM checkpoint WHERE ledger_id = ?", (ledger_id,))
-        return (unpacked(rows[0][0]), unpacked(rows[0][1])) if rows else None
+        return State.unpacked(*rows[0]) if rows else None
 
-    def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[dict[str, Any]]:
+    def friction(self, *, joint: int | None = None, limit: int | None = None) -> list[Document]:
         """Friction documents in the order of their replays, each with its `replay` (ledger id) and `joint`."""
         where, values = ("", ()) if joint is None else ("WHERE joint = ?", (joint,))
         rows = self._db.rows(
@@ -159,7 +168,7 @@ class Assessments:
         to_unix_s: float | None = None,
         after: int = 0,
         limit: int = 1000,
-    ) -> tuple[list[dict[str, Any]], int | None]:
+    ) -> tuple[list[Document], int | None]:
         """Friction documents of recordings made in [from, to), oldest first, each with `replay`, `recorded_at_unix_s` and `joint`.
 
         A page holds whole replays with ids above `after`, and about `limit` rows at most. The second value is the next `after`; None
@@ -180,7 +189,7 @@ class Assessments:
                 "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id = ?1 ORDER BY joint", (cut,)
             )
         # one text and one parse: several times faster than one a row, and five years of a joint have 7300 rows
-        documents: list[dict[str, Any]] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
+        documents: list[Document] = orjson.loads(f"[{','.join([row[3] for row in rows])}]")
         for document, (replay, number, at, _) in zip(documents, rows, strict=True):
             document.update(replay=replay, recorded_at_unix_s=at, joint=number)
         return documents, (int(rows[-1][0]) if more else None)
@@ -189,16 +198,16 @@ class Assessments:
         """Ledger ids of all assessed replays, oldest first."""
         return [int(row[0]) for row in self._db.rows("SELECT ledger_id FROM assessment ORDER BY ledger_id")]
 
-    def friction_of(self, replays: Sequence[int]) -> list[tuple[int, int, float, dict[str, Any]]]:
-        """(replay, joint, when recorded, friction document) of these replays, oldest first."""
+    def friction_of(self, replays: Sequence[int]) -> list[FrictionRow]:
+        """The friction of these replays, oldest first."""
         rows = self._db.rows(
             "SELECT ledger_id, joint, recorded_at_unix_s, document FROM friction WHERE ledger_id IN (SELECT value FROM json_each(?)) "
             "ORDER BY ledger_id, joint",
             (json.dumps(list(replays)),),
         )
-        return [(int(replay), int(joint), float(at), json.loads(text)) for replay, joint, at, text in rows]
+        return [FrictionRow(int(replay), int(joint), float(at), json.loads(text)) for replay, joint, at, text in rows]
 
-    def between(self, from_unix_s: float, to_unix_s: float) -> Iterator[tuple[int, float, dict[str, Any]]]:
+    def between(self, from_unix_s: float, to_unix_s: float) -> Iterator[tuple[int, float, Document]]:
         """(replay, when recorded, assessment's document) of recordings made in [from, to), oldest first, one at a time."""
         for replay in [
             row[0]

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from monitor.errors import OlderHistory, StoreError
 from monitor.reason import Reason, reason_from, reason_of
@@ -199,6 +199,20 @@ CREATE TABLE note (                           -- small facts that must survive a
 INSERT INTO note (key, value) VALUES ('history_id', lower(hex(randomblob(8))));
 """
 
+Document = dict[str, Any]  # JSON of another room, which reads and writes it; the store keeps it as it is
+
+
+class State(NamedTuple):
+    """The estimator's state at one moment, as the documents that `judge` made of it."""
+
+    belief: Mapping[str, Any]
+    health: Mapping[str, Any]
+
+    @classmethod
+    def unpacked(cls, belief: bytes, health: bytes) -> "State":
+        """From its two columns."""
+        return cls(unpacked(belief), unpacked(health))
+
 
 def begin_history(connection: sqlite3.Connection, directory: Path) -> None:
     """Make the tables where the file is empty. Raises as `version_of`."""
@@ -298,9 +312,9 @@ def packed(document: Mapping[str, Any]) -> bytes:
     return zlib.compress(json_text(document).encode())
 
 
-def unpacked(blob: bytes) -> dict[str, Any]:
+def unpacked(blob: bytes) -> Document:
     """The document that was `packed`."""
-    document: dict[str, Any] = json.loads(zlib.decompress(blob))
+    document: Document = json.loads(zlib.decompress(blob))
     return document
 
 

@@ -20,6 +20,16 @@ class DutyDay(NamedTuple):
     stops: int
 
 
+class DutyTotal(NamedTuple):
+    """All days of an arm."""
+
+    first_day: int | None  # None: no day was counted
+    heard_s: float
+    on_s: float
+    moving_s: float
+    stops: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyStop:
     """A stop that the arm's safety system made by itself."""
@@ -74,13 +84,13 @@ class Duties:
         rows = self._db.rows("SELECT day, heard_s, on_s, moving_s, stops FROM duty WHERE day >= ? ORDER BY day", (from_day,))
         return [DutyDay(*row) for row in rows]
 
-    def total(self) -> tuple[int | None, float, float, float, int]:
-        """The first day, the sums of heard, on and moving [s], and how many stops."""
+    def total(self) -> DutyTotal:
+        """The sums over all days."""
         ((first, heard, on, moving, stops),) = self._db.rows(
             "SELECT min(day), coalesce(sum(heard_s), 0.0), coalesce(sum(on_s), 0.0), coalesce(sum(moving_s), 0.0), "
             "coalesce(sum(stops), 0) FROM duty"
         )
-        return first, heard, on, moving, stops
+        return DutyTotal(first, heard, on, moving, stops)
 
     def stop_began(self, at_unix_s: float, day: int, kind: str, *, during_replay: bool, ended_at_unix_s: float | None = None) -> int:
         """Store that a stop has begun; returns its number. ended_at_unix_s : where it is over already. Raises StoreError."""

@@ -9,7 +9,7 @@ import sqlite3
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from monitor.store.history.database import Database, json_text, set_note
+from monitor.store.history.database import Database, Document, json_text, set_note
 
 HISTORY_ID = "history_id"  # name of the note that tells this history from every other one
 EARLY_ALERTS = "early_alerts"  # name of the note with the alerts from before the first assessment
@@ -20,8 +20,16 @@ class AlertEvent(NamedTuple):
 
     seq: int
     at_unix_s: float
-    document: dict[str, Any]
+    document: Document
     ledger_id: int | None = None  # the replay that caused it; None: a person or the monitor itself did
+
+
+class Change(NamedTuple):
+    """One replay whose rows were written or taken back."""
+
+    seq: int
+    ledger_id: int
+    at_unix_s: float
 
 
 class Events:
@@ -40,7 +48,7 @@ class Events:
                 set_note(db, EARLY_ALERTS, json.dumps(health["alerts"], allow_nan=False))
             return insert_events(db, None, at_unix_s, events)
 
-    def early_alerts(self) -> list[dict[str, Any]]:
+    def early_alerts(self) -> list[Document]:
         """The alerts that were raised before the first assessment, as they were then."""
         rows = self._db.rows("SELECT value FROM note WHERE key = ?", (EARLY_ALERTS,))
         return json.loads(rows[0][0]) if rows else []
@@ -96,14 +104,14 @@ class Changes:
         ((newest,),) = self._db.rows("SELECT max(seq) FROM change")
         return int(newest or 0)
 
-    def after(self, seq: int, limit: int) -> tuple[list[tuple[int, int, float]], int | None]:
-        """At most `limit` changes with numbers above `seq`, oldest first: (number, replay, when).
+    def after(self, seq: int, limit: int) -> tuple[list[Change], int | None]:
+        """At most `limit` changes with numbers above `seq`, oldest first.
 
         The second value is the number that the next page follows; None at the end.
         """
         rows = self._db.rows("SELECT seq, ledger_id, at_unix_s FROM change WHERE seq > ? ORDER BY seq LIMIT ?", (seq, limit + 1))
-        page = [(int(number), int(replay), float(at)) for number, replay, at in rows[:limit]]
-        return page, page[-1][0] if len(rows) > limit else None
+        page = [Change(int(number), int(replay), float(at)) for number, replay, at in rows[:limit]]
+        return page, page[-1].seq if len(rows) > limit else None
 
     def begin_another_history(self) -> None:
         """Give the history another identity: its newest entries may be lost, and their numbers may mean something else from now on."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from monitor.errors import StoreError
-from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.store.history.database import Database, Document, State, json_text, packed
 from monitor.store.history.events import AlertEvent, insert_events
 
-Documents = tuple[Mapping[str, Any], Mapping[str, Any]]  # of belief and health
+BeliefAndHealth = tuple[Mapping[str, Any], Mapping[str, Any]]  # their documents
 _KEYS = ("id", "ledger_id", "joint", "declared_at_unix_s", "document", "undone_at_unix_s", "undone_by", "undone_why")
 
 
@@ -22,7 +22,7 @@ class MaintenanceRow:
     ledger_id: int | None  # the replay whose context declared it; None: a person did
     joint: int
     declared_at_unix_s: float
-    document: dict[str, Any]  # of `judge.drift.maintenance.Maintenance`
+    document: Document  # of `judge.drift.maintenance.Maintenance`
     undone_at_unix_s: float | None
     undone_by: str | None
     undone_why: str | None
@@ -54,7 +54,7 @@ class MaintenanceLog:
         return [MaintenanceRow(**dict(zip(_KEYS, row, strict=True)) | {"document": json.loads(row[4])}) for row in rows]
 
     def declare(
-        self, act: Mapping[str, Any], before: Documents, after: Documents, events: Sequence[Mapping[str, Any]], at_unix_s: float
+        self, act: Mapping[str, Any], before: BeliefAndHealth, after: BeliefAndHealth, events: Sequence[Mapping[str, Any]], at_unix_s: float
     ) -> list[AlertEvent]:
         """Store maintenance that a person declares, the state after it, and the transitions that follow, in one transaction.
 
@@ -68,7 +68,7 @@ class MaintenanceLog:
             return _amend(db, after, events, at_unix_s)
 
     def undo(
-        self, row: MaintenanceRow, by: str, why: str, after: Documents, events: Sequence[Mapping[str, Any]], at_unix_s: float
+        self, row: MaintenanceRow, by: str, why: str, after: BeliefAndHealth, events: Sequence[Mapping[str, Any]], at_unix_s: float
     ) -> list[AlertEvent]:
         """Take maintenance back: the state after that and the transitions that follow, in one transaction. Raises as `declare`."""
         with self._db.transaction() as db:
@@ -79,19 +79,19 @@ class MaintenanceLog:
             )
             return _amend(db, after, events, at_unix_s)
 
-    def before(self, row: MaintenanceRow) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    def before(self, row: MaintenanceRow) -> State | None:
         """Belief and health before a person declared this maintenance; None where they are not kept."""
         ((belief, health),) = self._db.rows("SELECT belief_before, health_before FROM maintenance WHERE id = ?", (row.id,))
-        return None if belief is None else (unpacked(belief), unpacked(health))
+        return None if belief is None else State.unpacked(belief, health)
 
     def amendments(self) -> list[Amendment]:
         """All changes of the estimator's state between two replays, in order."""
         return [Amendment(id=key, at_unix_s=at) for key, at in self._db.rows("SELECT id, at_unix_s FROM amendment ORDER BY id")]
 
-    def amended(self, amendment: Amendment) -> tuple[dict[str, Any], dict[str, Any]]:
+    def amended(self, amendment: Amendment) -> State:
         """Belief and health after an amendment."""
         ((belief, health),) = self._db.rows("SELECT belief, health FROM amendment WHERE id = ?", (amendment.id,))
-        return unpacked(belief), unpacked(health)
+        return State.unpacked(belief, health)
 
 
 def insert_maintenance(db: sqlite3.Connection, ledger_id: int, maintenance: Sequence[Mapping[str, Any]]) -> None:
@@ -106,7 +106,7 @@ def insert_maintenance(db: sqlite3.Connection, ledger_id: int, maintenance: Sequ
             )
 
 
-def _amend(db: sqlite3.Connection, after: Documents, events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
+def _amend(db: sqlite3.Connection, after: BeliefAndHealth, events: Sequence[Mapping[str, Any]], at_unix_s: float) -> list[AlertEvent]:
     belief, health = after
     if db.execute("UPDATE state SET belief = ?, health = ?", (json_text(belief), json_text(health))).rowcount != 1:
         raise StoreError("no replay has been assessed yet")

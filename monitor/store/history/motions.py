@@ -16,7 +16,7 @@ from typing import Any
 from monitor.errors import MotionRefused
 from monitor.reason import Reason, Sentence, reason_from
 from monitor.store.backup import refused_by
-from monitor.store.history.database import Database, json_text, reason_column, set_note, stored_reason
+from monitor.store.history.database import Database, Document, json_text, reason_column, set_note, stored_reason
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
 LOCK_PATIENCE_S = 1.0  # somebody who only looks whether the arm is moved holds the lock for less than a millisecond
@@ -207,7 +207,7 @@ class Motions:
         )
         return [_motion(row) for row in reversed(rows)]
 
-    def left(self) -> dict[str, Any] | None:
+    def left(self) -> Document | None:
         """How the last motion left the arm; None where it brought it back."""
         rows = self._db.rows("SELECT value FROM note WHERE key = ?", (LEFT,))
         return json.loads(rows[0][0]) if rows else None
@@ -306,7 +306,7 @@ class FirstPasses:
         rows = self._db.rows("SELECT digest FROM first_pass ORDER BY id DESC LIMIT 1")
         return bool(rows) and rows[0][0] == digest
 
-    def latest(self) -> dict[str, Any] | None:
+    def latest(self) -> Document | None:
         """The document of the latest first pass; None before the first."""
         rows = self._db.rows("SELECT document FROM first_pass ORDER BY id DESC LIMIT 1")
         return json.loads(rows[0][0]) if rows else None

@@ -8,7 +8,7 @@ from typing import Any
 
 from monitor.errors import StoreError
 from monitor.store.history.assessments import insert_provenance
-from monitor.store.history.database import Database, json_text, packed, unpacked
+from monitor.store.history.database import Database, Document, json_text, packed, unpacked
 from monitor.store.history.events import AlertEvent, insert_events
 
 _KEYS = ("day", "at_unix_s", "document", "context", "learnt", "made_with")
@@ -20,8 +20,8 @@ class DayOfProduction:
 
     day: int  # counted from 1970-01-01
     at_unix_s: float  # when it was judged
-    document: dict[str, Any]  # of `judge.production_observation.ProductionObservation`
-    context: dict[str, Any]  # of `recording.Context`
+    document: Document  # of `judge.production_observation.ProductionObservation`
+    context: Document  # of `recording.Context`
     learnt: tuple[int, ...]  # joints (from 1) that the judge learned from
     made_with: str  # digest of the provenance
 
@@ -32,7 +32,7 @@ class ProductionLog:
     def __init__(self, database: Database) -> None:
         self._db = database
 
-    def information(self) -> dict[str, Any] | None:
+    def information(self) -> Document | None:
         """The document of the sums as they were kept last; None where none were."""
         rows = self._db.rows("SELECT document FROM production_sums")
         return unpacked(rows[0][0]) if rows else None
