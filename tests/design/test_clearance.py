@@ -167,6 +167,7 @@ def test_a_folded_elbow_and_a_pose_through_the_table_are_detected(q3):
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25)
+@pytest.mark.slow
 def test_between_the_samples_no_distance_is_below_the_bound(seed):
     """A coarse path with its bound against the same path sampled fifty times finer, self and cell, with a box and a tool."""
     rng = np.random.default_rng(seed)

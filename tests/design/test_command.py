@@ -33,6 +33,7 @@ def called(*arguments: str) -> Result:
     return result
 
 
+@pytest.mark.slow
 def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
     """Another process with the same seed gives an equal file. The report names the clearances, and the picture is a valid image."""
     common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 60, "--seed", 5)
@@ -47,6 +48,7 @@ def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
     assert answer["stopped"] is False
 
 
+@pytest.mark.slow
 def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path: Path):
     """It is pseudo-random, proved and reproducible."""
     for name, seed, *more in (("a", 1, "--plot", str(tmp_path / "a.html")), ("b", 1), ("c", 2)):
@@ -57,6 +59,7 @@ def test_a_random_trajectory_for_validation_is_another_for_another_seed(tmp_path
     assert "<svg" in (tmp_path / "a.html").read_text()
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_best_so_far(tmp_path: Path):
     """SIGINT in the middle of a long search: exit 0, a file with its proof, and a message."""
     search = Process(
@@ -106,6 +109,7 @@ def test_a_mistake_gives_a_message_and_exit_code_2(tmp_path: Path, arguments, wo
     assert not (tmp_path / "a.json").exists()
 
 
+@pytest.mark.slow
 def test_mistakes_end_the_process_with_2_and_one_line(tmp_path: Path):
     """Through the real entry point: a cell around the arm, and a target that is no file."""
     (tmp_path / "full.toml").write_text('[[box]]\nname = "crate"\ncentre_m = [0, 0, 0.5]\nsize_m = [2, 2, 2]\n')

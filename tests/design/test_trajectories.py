@@ -59,6 +59,7 @@ def verify(robot, mounting, seeds):
 
 
 @pytest.mark.parametrize(("robot", "mounting", "count"), SOME, ids=str)
+@pytest.mark.slow
 def test_twenty_random_accepted_trajectories_collide_nowhere(robot, mounting, count):
     """By frames of pinocchio and distances of coal at ten times the controller's rate; approaches too."""
     assert verify(robot, mounting, range(count)) >= 0.01  # the smaller of the two margins
@@ -100,6 +101,7 @@ def test_the_independent_check_finds_a_collision():
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_every_shipped_trajectory_is_proved_and_the_proof_holds_when_done_again(path):
     """For the cell of its mounting, by our bound at 500 Hz and by coal; at rest at both ends; the digests are of what is in the file."""
     excitation = excitation_from_document(json.loads(path.read_text("utf-8")))
@@ -130,6 +132,7 @@ def test_every_model_on_every_mounting_has_one():
 
 
 @pytest.mark.parametrize("optimiser", ["cma", "ga"])
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_file_and_another_seed_another(optimiser):
     """Byte for byte, whatever numpy's global random state is."""
     made = []
@@ -141,6 +144,7 @@ def test_the_same_seed_gives_the_same_file_and_another_seed_another(optimiser):
 
 
 @pytest.mark.parametrize("optimiser", ["cma", "ga"])
+@pytest.mark.slow
 def test_a_search_improves_and_returns_its_best_when_it_is_stopped(optimiser):
     """The best never rises; asked to stop, the search returns at once what it had."""
     states: list[Progress] = []
@@ -161,6 +165,7 @@ def test_a_search_improves_and_returns_its_best_when_it_is_stopped(optimiser):
     assert problem().allowed(problem().family.excitation(found.u))
 
 
+@pytest.mark.slow
 def test_a_start_and_a_cell_with_a_tool_are_kept():
     """The whole task of a real site: start pose, box, fence, tool; what comes out is clear by the independent judge."""
     cell = load_cell(shared_file("cell/example.toml"))
