@@ -80,7 +80,7 @@ def test_noise_of_other_colours_and_tails_raises_few_alerts():
     assert alerted.sum() <= 10  # 5 on average, measured with other seeds; 11 or more come once in 70 times
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_years_of_one_over_f_noise_are_no_wear():
     """6 arms, their second and third year: noise that never averages out takes friction away from the level that was learnt."""
     noise = flicker(np.random.default_rng(5), 8 * 365, 6 * J)[: 3 * 365]
@@ -215,7 +215,7 @@ def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
     assert np.mean(rho[:, 2] - np.delete(rho, 2, axis=1).mean(axis=1)) < 0.05
 
 
-@pytest.mark.parametrize("unresolved", [0, 2, 5])
+@pytest.mark.parametrize("unresolved", [pytest.param(0, marks=pytest.mark.soak), 2, pytest.param(5, marks=pytest.mark.soak)])
 @pytest.mark.slow
 def test_a_joint_that_is_never_resolved_does_not_make_the_others_alike(unresolved):
     """As above: 10 to 21 joints of 12 arms have an alert where one that tells nothing counts like the others, and 0 to 9 here."""

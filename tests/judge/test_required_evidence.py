@@ -119,7 +119,7 @@ def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, bes
         assert np.array_equal(of, daily)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_chance_finds_no_more_in_a_year_of_four_replays_a_day(monkeypatch):
     """Sixty healthy arms for three months, ρ 0.5 from replay to replay: most of what four times as many chances find is none."""
 

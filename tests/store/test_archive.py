@@ -263,6 +263,7 @@ def test_an_upload_that_hangs_blocks_nothing_and_is_told_by_another_thread(tmp_p
     assert not thread.is_alive()
 
 
+@pytest.mark.slow
 def test_uploads_go_from_a_process_of_their_own_which_ends_at_once_with_the_service(tmp_path: Path, store: Store):
     """The daemon holds none of its libraries. What a child refuses is told as here."""
     rejected(store, 1)
@@ -428,6 +429,7 @@ def test_a_reload_may_name_another_archive_or_none(tmp_path: Path, store: Store)
     assert "archive" not in MonitorDocument(store, Problems(lambda: NOW), lambda: NOW).collect(None, {})["store"]
 
 
+@pytest.mark.slow
 def test_the_check_says_whether_the_archive_is_there(tmp_path: Path, store: Store, remote: int):
     """With what to do where it is not."""
     settings = configuration(tmp_path)

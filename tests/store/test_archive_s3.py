@@ -26,6 +26,8 @@ from monitor.store.from_files.archived_files import local_file
 from monitor.store.identify_files import named_recordings
 from monitor.store.store import Store
 
+pytestmark = pytest.mark.slow  # a server in a process of its own
+
 CONTENT = b"PAR1" + bytes(range(256)) * 8192  # 2 MB: more than any buffer between here and there
 
 
@@ -53,6 +55,7 @@ def settings(server: S3Server, request: pytest.FixtureRequest) -> ArchiveSetting
     return ArchiveSettings(address=prefix, endpoint=server.endpoint, keys_file=str(server.keys_file()))
 
 
+@pytest.mark.slow
 def test_recordings_go_to_the_bucket_and_another_client_reads_them_by_their_partitions(
     tmp_path: Path, server: S3Server, settings: ArchiveSettings
 ):
@@ -100,6 +103,7 @@ def test_an_address_is_read_with_the_keys_of_the_environment(server: S3Server, s
         (KEYS, "s3://no-such-bucket/x", "the bucket does not exist"),
     ],
 )
+@pytest.mark.slow
 def test_a_server_that_refuses_is_told_at_once_with_what_to_do_and_without_a_key(
     tmp_path: Path, server: S3Server, settings: ArchiveSettings, keys: tuple[str, str], address: str | None, expected: str
 ):
@@ -239,6 +243,7 @@ def test_a_large_recording_goes_in_parts(settings: ArchiveSettings):
     assert [(each.key, each.size) for each in archive.recordings("lab", "cell-1")] == [(key, len(content))]
 
 
+@pytest.mark.slow
 def test_a_server_that_is_away_for_a_while_gets_everything_when_it_is_back(tmp_path: Path, server: S3Server, settings: ArchiveSettings):
     """The recordings that were made meanwhile, too; the bucket holds each once. Last in this module: the server is stopped."""
     given = configuration(

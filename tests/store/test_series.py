@@ -50,6 +50,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     return ended(*arguments, cwd=ROOT)
 
 
+@pytest.mark.slow
 def test_a_series_gives_the_daemons_verdicts(recordings):
     """Files in any order are judged in time order with the previous belief, and every figure equals that of `assess` alone."""
     robot = load_robot("ur5")
@@ -77,6 +78,7 @@ def test_assess_prints_one_object(recordings):
     assert document["health"]["arm"] in {"NORMAL", "OFF_SPEC"}
 
 
+@pytest.mark.slow
 def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 

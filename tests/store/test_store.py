@@ -188,6 +188,7 @@ with Store.open(Path(sys.argv[1])) as store:
 """
 
 
+@pytest.mark.slow
 def test_sigkill_at_any_moment_loses_and_repeats_nothing(tmp_path: Path):
     """Everything that the writer reported as committed is there once after SIGKILL. Revision, events and history agree."""
     for _ in range(6):
