@@ -20,9 +20,8 @@ from monitor.acquire.safety.inputs import LastMotion, Permit
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.driver import cause_of_death
+from monitor.acquire.ur.driver import cause_of_death, understood
 from monitor.acquire.ur.rtde import COLUMN, WIDTH
-from monitor.acquire.ur.software import understood
 from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot

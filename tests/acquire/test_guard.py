@@ -17,7 +17,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, Permit
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity, JointLimits
-from monitor.acquire.ur.software import understood
+from monitor.acquire.ur.driver import understood
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot

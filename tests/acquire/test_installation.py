@@ -20,7 +20,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.safety.of_installation import angle_deg, offset_of, points, rotation
 from monitor.acquire.settings import Installation
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.software import SOFTWARE, understood
+from monitor.acquire.ur.driver import SOFTWARE, understood
 from monitor.config.load import load
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.energy import flange_speed

@@ -17,7 +17,7 @@ from test_guard import inputs, ready_state
 from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.state import Identity, JointLimits
 from monitor.acquire.ur import primary
-from monitor.acquire.ur.software import understood
+from monitor.acquire.ur.driver import understood
 from monitor.model.robot import load_robot
 
 pytestmark = pytest.mark.real_time

@@ -1,14 +1,16 @@
 """Universal Robots behind the room's `Driver`: ur-rtde in child processes; dashboard server, Robot API and a look over plain sockets."""
 
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
+from typing import NamedTuple
 
 from monitor.acquire.child import Child
 from monitor.acquire.driver import NodeSays, OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
 from monitor.acquire.safety.oversight import Interruption
-from monitor.acquire.state import ArmState, Identity
+from monitor.acquire.state import ArmState, Identity, Software
 from monitor.acquire.ur import conversation, primary
 from monitor.acquire.ur.last_resorts import forbid_new_sockets
 from monitor.acquire.ur.node_script import OFFER, VERSION, control_script, hand_over_script
@@ -16,8 +18,8 @@ from monitor.acquire.ur.node_server import HandOverServer, answer_of
 from monitor.acquire.ur.primary import ReportedErrors
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
 from monitor.acquire.ur.rtde import Listening, observe, output_integers, rows_of, software_of
-from monitor.acquire.ur.software import model_of, understood
 from monitor.errors import RobotUnreachable
+from monitor.model.robot import robot_names
 from monitor.reason import Sentence
 from monitor.recording import Array
 
@@ -62,6 +64,67 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interr
         return Interruption("late", PROCESS_STARVED(silent_ms=1000.0 * silent_s))
     how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
     return Interruption("child_died", PROCESS_ENDED(how=how))
+
+
+GENERATIONS = {"cb3": ("3",), "e-series": ("5", "10")}  # each by the major versions of its software
+E_SERIES_FROM = 5  # first major version of the software of the e-Series
+
+
+class Span(NamedTuple):
+    """A span of versions of the controller's software, both ends included, by major and minor number."""
+
+    first: tuple[int, int]
+    last: tuple[int, int]
+    reason: str  # of its bounds
+    drives: bool = True  # ur-rtde can drive it
+    tested: bool = True  # replays on it are tested, as far as its wire is known
+
+
+SOFTWARE = (  # what is in none of these spans moves only where the configuration allows untested software
+    Span((3, 0), (3, 9), "RTDE's protocol 2, which ur-rtde speaks, came with 3.10", drives=False),
+    Span((3, 10), (3, 15), "CB3: from RTDE's protocol 2 to the generation's last version; 3.15 is what the tests play against"),
+    Span((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
+    Span((5, 4), (5, 23), "e-Series: from ur-rtde's registers to the newest version for which it has a recipe"),
+    Span((10, 0), (10, 10), "PolyScope X before 10.11 has neither a dashboard nor a Robot API: no program could be stopped", drives=False),
+    Span((10, 11), (99, 99), "PolyScope X: its Robot API is known from public sources and a simulated controller only", tested=False),
+)
+
+
+def generation_of(firmware: str | None) -> str | None:
+    """The generation of arms that a version of the software drives: its name does not tell UR5 and UR5e apart. None: unknown."""
+    major = (firmware or "").partition(".")[0]
+    return next((name for name, of_it in GENERATIONS.items() if major in of_it), None)
+
+
+def understood(identity: Identity) -> Identity:
+    """The same, with what its software tells of it."""
+    match = re.match(r"(\d+)\.(\d+)", identity.firmware or "")
+    number = (int(match[1]), int(match[2])) if match else None
+    span = next((each for each in SOFTWARE if number is not None and each.first <= number <= each.last), None)
+    known = Software(expected=_tested()) if span is None else Software(span.drives, span.drives and span.tested, span.reason, _tested())
+    says_later = identity.robot_api
+    return identity._replace(
+        generation=generation_of(identity.firmware),
+        software=known,
+        no_remote_control="PolyScope X tells it from 10.12 on; " if says_later else "this generation has no local control; ",
+    )
+
+
+def _tested() -> str:
+    """The spans of tested versions, as text."""
+    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives and span.tested]
+    return " and ".join(spans)
+
+
+def model_of(identity: Identity) -> str | None:
+    """The shipped model that a controller names: an e-Series controller leaves the e out, and its software is 5 or newer."""
+    if identity.model is None:
+        return None
+    plain, known = identity.model.lower(), robot_names()
+    major = (identity.firmware or "").partition(".")[0]
+    e_series = major.isdigit() and int(major) >= E_SERIES_FROM
+    wanted = (f"{plain}e", plain) if e_series and not plain.endswith("e") else (plain,)
+    return next((name for name in wanted if name in known), None)
 
 
 class UniversalRobots:
