@@ -1,10 +1,8 @@
 """The sentences that an alert leads with: what has changed, when it gets serious, and what to do by when."""
 
-import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from monitor.judge.alerts.condition import Headlines
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
@@ -36,7 +34,7 @@ class Sentences(NamedTuple):
 def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say: Language) -> Sentences:
     """The sentences of one alert, a document as it is published."""
     headline = _headline(alert, past.began_unix_s, now_unix_s, say)
-    action = say.retell(alert["action"])
+    action = say.at(alert, "action")
     if not alert["active"] or alert["condition"] not in {"wear_rising", "sudden_step"} or not past.friction or alert.get("awaiting_proof"):
         return Sentences(headline, "", action)
     life = past.friction.get("remaining_life") or {}
@@ -52,29 +50,24 @@ def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say:
 
 
 def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
-    joint, condition, who = alert["joint"], alert["condition"], say.joint(alert["joint"])
+    joint, condition, who = alert["joint"], alert["condition"], say.name(alert["joint"])
     if alert.get("awaiting_proof") and alert.get("serviced_at"):
         when, act = unix_s(alert["serviced_at"]), PRODUCTION.get(alert["serviced_kind"], alert["serviced_kind"])
         return say.say(
             "{joint}: {work} {when}. The next replays show whether it helped.",
             joint=who,
-            act=say.say(act),
+            work=say.say(act),
             when=since(when, now_unix_s, say),
         )
     gravest = alert.get("gravest") if not alert["active"] else None  # a cleared alert says what it was about
-    change, text = float((gravest or alert).get("change") or 0.0), str((gravest or alert)["text"])
+    change = float((gravest or alert).get("change") or 0.0)
     lowest_at = (gravest or alert).get("lowest_at")
     if lowest_at is not None:
         began_unix_s = unix_s(lowest_at)
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
-    known = CONDITIONS.get(condition)  # None: another release raised it
-    headlines = known.headlines if known is not None else Headlines()
-    of_arm = (headlines.arm_fallen if change < 0 else "") or headlines.arm
-    headline = of_arm if joint is None else headlines.joint
-    if headline:
-        return say.say(headline.replace("{joint:name}", "{joint}"), joint=who, rise=say.percent(abs(change)), since=before)
-    first = re.split(r"(?<=[.!?])\s", text, maxsplit=1)[0]
-    return say.retell(first) or say.retell(condition)
+    known = CONDITIONS.get(condition)  # None: of the gateway, or of another release
+    headline = None if known is None else known.headline(joint, change, say.percent(abs(change)), before)
+    return say.say(headline) if headline is not None else say.at(gravest or alert, "text") or say.word(condition)
 
 
 def _pace(life: Mapping[str, Any], learnt_unix_s: float, now_unix_s: float, say: Language) -> str:

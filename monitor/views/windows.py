@@ -1,12 +1,10 @@
 """Windows of the history, put together where they ended alike."""
 
-import re
 from collections.abc import Sequence
 from typing import Protocol, TypeVar
 
+from monitor.errors import DOES_NOT_HOLD
 from monitor.reason import FREE, Reason
-
-LONGEST_CAUSE = 60  # letters; a longer beginning of a reason is no name of a cause
 
 
 class Ended(Protocol):
@@ -17,22 +15,20 @@ class Ended(Protocol):
         """How it ended."""
 
     @property
-    def reason(self) -> str | Reason | None:
-        """Why, in words or as a value."""
+    def reason(self) -> Reason | None:
+        """Why."""
 
 
 Window = TypeVar("Window", bound=Ended)
 
 
-def cause(reason: str | Reason | None) -> str:
-    """The code of a reason; of one without a code, the cause that its text names before its details, figures left out."""
-    if isinstance(reason, Reason) and reason.code != FREE:
-        return reason.code
-    text = str(reason or "")
-    name, colon, _ = text.partition(":")
-    if colon and len(name) <= LONGEST_CAUSE:
-        return name.strip()
-    return re.sub(r"[-+]?\d[\d.,:TZ-]*", "…", text).strip()
+def cause(reason: Reason | None) -> str:
+    """What a window ended by: the condition that a refusal names, else the code of its reason; of a free text the whole."""
+    if reason is None:
+        return ""
+    if reason.code == DOES_NOT_HOLD.code:
+        return str(reason.parameters["condition"])
+    return reason.text if reason.code == FREE else reason.code
 
 
 def runs(windows: Sequence[Window]) -> list[list[Window]]:

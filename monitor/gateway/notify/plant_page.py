@@ -57,7 +57,7 @@ def plant_page(
     else:
         parts.append(paragraph(say.say("Nothing: no alert was raised, changed or cleared.")))
     lines = [_counts(arms, say)]
-    shown = [f"  {arm.name}: {say.retell(str(arm.health.get('why') or ''))}" for arm in sick[:LISTED]]
+    shown = [f"  {arm.name}: {say.at(arm.health, 'why')}" for arm in sick[:LISTED]]
     lines += ["\n".join(shown)] if shown else []
     lines.append(say.say("{count} changes of alerts.", count=len(told)))
     return PlantPage(page(say.say("Report of the plant"), subtitle, parts, say.code), lines, len(sick))
@@ -94,7 +94,7 @@ def _row(arm: ArmState, say: Language, zone: ZoneInfo, link: str) -> list[object
         heard = local(max(arm.heard_at_unix_s.values()), zone) if arm.heard_at_unix_s else "–"
     return [
         Markup(f'<a href="{escaped(link)}/arms/{name}/">{name}</a>') if link else str(arm.name),
-        Markup(f'<span class="chip {kind}">{escaped(say.retell(str(state)) if state else "–")}</span>'),
+        Markup(f'<span class="chip {kind}">{escaped(say.word(str(state)) if state else "–")}</span>'),
         str(arm.health.get("since") or "–")[:10],
         Markup(alerts or "–"),
         heard,
@@ -104,7 +104,7 @@ def _row(arm: ArmState, say: Language, zone: ZoneInfo, link: str) -> list[object
 def _alert(alert: Any, say: Language) -> str:
     tier = say.say(TIERS.get(str(alert.get("tier")), str(alert.get("tier"))))
     seen = "" if alert.get("acknowledged_at") else f" ({say.say('waits for a person')})"
-    return f"{tier}: {say.retell(str(alert.get('text') or alert.get('condition')))}{seen}"
+    return f"{tier}: {say.at(alert, 'text') or say.word(str(alert.get('condition')))}{seen}"
 
 
 def _change(each: Transition, say: Language, zone: ZoneInfo) -> list[object]:

@@ -45,7 +45,7 @@ def alert_message(
     arms = list(dict.fromkeys(f"{each['site']}/{each['robot']}" for each in ordered))
     first = ordered[0]
     if kind == FLEET:
-        condition = say.retell(str(first["condition"]))
+        condition = say.word(str(first["condition"]))
         subject = say.say("{count} arms, one cause? {condition}", count=len(arms), condition=condition)
         opening = say.say(
             "The same has come to {count} arms: look first for what they share (temperature, supply, a common change). "
@@ -88,7 +88,7 @@ def _sentences(transition: Mapping[str, Any], say: Language) -> tuple[str, str]:
     try:
         found = sentences(event, JointPast(), float(transition["at_unix_s"]), say)
     except (KeyError, TypeError, ValueError):
-        return say.retell(str(transition["text"])) or say.retell(str(transition["condition"])), say.retell(str(event["action"]))
+        return say.at(event, "text") or say.word(str(transition["condition"])), say.at(event, "action")
     return found.headline, found.due
 
 
@@ -98,7 +98,7 @@ def _paragraph(each: Mapping[str, Any], say: Language, zone: ZoneInfo, link: str
     tier = say.say(TIERS.get(each["tier"], each["tier"]))
     kind = say.say(KINDS.get(each["kind"], each["kind"]))
     yield say.say("Tier {tier}, {kind}, {at}.", tier=tier, kind=kind, at=local(float(each["at_unix_s"]), zone))
-    text = say.retell(str(each["text"]))
+    text = say.at({"text": each["text"], **each["event"]}, "text")
     if text and text != what:
         yield text
     if action and each["kind"] != CLEARED:

@@ -227,19 +227,20 @@ def _maintenance(store: Store, begin: float, end: float) -> list[dict[str, Any]]
 def _stop(stop: Stop, end: float) -> dict[str, Any]:
     """A stop after which a person had to check the arm, and who allowed motion again before the period's end."""
     allowed = stop.allowed_at_unix_s is not None and stop.allowed_at_unix_s < end
-    return {
+    document = {
         "at_unix_s": stop.at_unix_s,
         "replay": stop.ledger_id,
         "cause": stop.cause,
-        "reason": stop.reason.text,
         "allowed_at_unix_s": stop.allowed_at_unix_s if allowed else None,
         "allowed_by": stop.allowed_by if allowed else None,
         "allowed_why": stop.allowed_why if allowed else None,
     }
+    return with_reasons(document, reason=stop.reason)
 
 
 def _short(event: Mapping[str, Any]) -> dict[str, Any]:
     names = ("kind", "joint", "condition", "tier", "text", "by", "why", "acknowledged_by", "acknowledged_why", "shelved_by", "shelved_why")
+    names += ("serviced_kind", "reasons")
     return {name: event.get(name) for name in names}
 
 
@@ -257,7 +258,7 @@ def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin:
         "windows": len(windows),
         "assessed": states.get("assessed", 0),
         "failed": [
-            {"replay": row.id, "window_unix_s": row.window_unix_s, "state": row.state, "reason": row.reason_text}
+            with_reasons({"replay": row.id, "window_unix_s": row.window_unix_s, "state": row.state}, reason=row.reason)
             for row in windows
             if row.state in FAILED
         ],

@@ -54,21 +54,21 @@ def alert_boxes(report: Mapping[str, Any], say: Language) -> list[str]:
 def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -> list[str]:
     headline, *others = lead(alert, report, say)
     state = say.say("active") if alert["active"] else say.say("cleared {when}", when=moment(unix_s(alert["cleared_at"]), say))
-    kind = f"{say.joint(alert['joint'])}: {_name(alert['condition'], say)}{_tier(alert, say)}, {state}"
+    kind = f"{say.name(alert['joint'])}: {_name(alert['condition'], say)}{_tier(alert, say)}, {state}"
     raised = say.say("raised {when}", when=moment(unix_s(alert["raised_at"]), say))
     lines = [paragraph(f"{kind}; {raised}", "dim small"), paragraph(Markup(f'<b class="lead">{escaped(headline)}</b>'))]
     if alert["active"]:
         lines.append(paragraph(" ".join(others)))
-        action = say.retell(alert["action"])
+        action = say.at(alert, "action")
         if action not in others:
             lines.append(paragraph(action))
     gravest = alert.get("gravest")
     if gravest is not None and gravest["text"] != alert["text"]:
         when = moment(unix_s(gravest["at"]), say)
-        lines.append(paragraph(say.say("At its gravest, {when}: {text}", when=when, text=say.retell(gravest["text"])), "small"))
-    lines += [paragraph(say.retell(alert["text"]), "small"), _probability(alert, say)]
+        lines.append(paragraph(say.say("At its gravest, {when}: {text}", when=when, text=say.at(gravest, "text")), "small"))
+    lines += [paragraph(say.at(alert, "text"), "small"), _probability(alert, say)]
     if alert.get("cleared_why"):
-        lines.append(paragraph(say.say("Cleared: {why}.", why=say.retell(alert["cleared_why"]))))
+        lines.append(paragraph(say.say("Cleared: {why}.", why=say.at(alert, "cleared_why"))))
     if alert["acknowledged_at"]:
         when = moment(unix_s(alert["acknowledged_at"]), say)
         lines.append(
@@ -89,11 +89,11 @@ def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -
 def _probability(alert: Mapping[str, Any], say: Language) -> str:
     """The probability of the change that the condition is about; nothing for a condition of the data, which has none."""
     condition = CONDITIONS.get(alert["condition"])
-    if condition is None or condition.probability_of is None:
+    if condition is None or condition.change_probable is None:
         return ""
     chance = alert["probability"]  # no evidence makes it 100 %
     figure = say.say("more than {percent} %", percent=say.figure(99.99, 2)) if chance > 0.9999 else say.percent(chance, 2)
-    what = say.say(condition.probability_of)
+    what = say.say(condition.change_probable)
     return paragraph(say.say("Probability that friction {what}: {chance}.", what=what, chance=figure), "small")
 
 
@@ -105,9 +105,9 @@ def transitions(report: Mapping[str, Any], say: Language) -> list[str]:
     rows = [
         [
             moment(unix_s(event["at"]), say),
-            say.joint(event["joint"]),
-            say.retell(mark_text(event) or "") or _name(event.get("condition") or event["kind"], say),
-            say.retell(event["kind"]) + _tier(event, say),
+            say.name(event["joint"]),
+            say.say(mark_text(event) or "") or _name(event.get("condition") or event["kind"], say),
+            say.word(event["kind"]) + _tier(event, say),
             _by(event),
         ]
         for event in told[-SHOWN:]
@@ -137,5 +137,5 @@ def _because(text: str, why: str | None) -> str:
 
 
 def _name(condition: str, say: Language) -> str:
-    text = say.retell(condition).replace("_", " ")
+    text = say.word(condition)
     return text[:1].upper() + text[1:]

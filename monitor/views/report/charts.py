@@ -107,7 +107,7 @@ def friction_over_time(report: Mapping[str, Any], say: Language) -> "Figure":
         locator = AutoDateLocator(minticks=2, maxticks=5)  # type: ignore[no-untyped-call]
         one.xaxis.set_major_locator(locator)
         one.xaxis.set_major_formatter(_date_ticks(at, say))
-        _label(one, say, say.joint(j + 1), say.say("change [%]") if j % 3 == 0 else "")
+        _label(one, say, say.name(j + 1), say.say("change [%]") if j % 3 == 0 else "")
     return figure
 
 
@@ -153,7 +153,7 @@ def friction_over_temperature(report: Mapping[str, Any], say: Language) -> "Figu
             one.legend(fontsize="x-small", frameon=False, loc="upper right")
         if j >= 3:
             one.set_xlabel("T [°C]", fontsize="small")
-        _label(one, say, say.joint(j + 1), "fv [N·m·s/rad]" if j % 3 == 0 else "")
+        _label(one, say, say.name(j + 1), "fv [N·m·s/rad]" if j % 3 == 0 else "")
     return figure
 
 

@@ -48,9 +48,9 @@ def inspection(report: Mapping[str, Any], say: Language) -> list[str]:
 
 
 def _stop(stop: Mapping[str, Any], say: Language) -> list[str]:
-    kind = say.retell(stop["kind"]).replace("_", " ")
+    kind = say.word(stop["kind"])
     during = f" ({say.say('during a replay')})" if stop["during_replay"] else ""
-    return [f"{kind}{during}", "–" if stop["joint"] is None else say.joint(stop["joint"]), stop["code"] or "–"]
+    return [f"{kind}{during}", "–" if stop["joint"] is None else say.name(stop["joint"]), stop["code"] or "–"]
 
 
 def _item(item: Mapping[str, Any], say: Language) -> list[object]:

@@ -20,11 +20,11 @@ def maintenance_table(report: Mapping[str, Any], say: Language) -> list[str]:
         return []
     rows = []
     for act in report["maintenance"]:
-        meant = say.retell(act["text"].partition("). ")[2])
+        meant = say.at(act, "meaning")
         if act["undone_at"]:
             meant = say.say("Taken back by {who}, {when}.", who=act["undone_by"], when=moment(unix_s(act["undone_at"]), say))
         by = ": ".join(filter(None, (act["by"], act["why"])))
-        rows.append([moment(unix_s(act["at"]), say), say.joint(act["joint"]), say.say(PRODUCTION.get(act["kind"], act["kind"])), by, meant])
+        rows.append([moment(unix_s(act["at"]), say), say.name(act["joint"]), say.say(PRODUCTION.get(act["kind"], act["kind"])), by, meant])
     titles = [say.say("When"), "", say.say("What"), say.say("by whom and why"), say.say("what it meant")]
     return [heading(say.say("Work on joints"), 3), table(titles, rows)]
 

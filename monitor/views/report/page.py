@@ -40,7 +40,7 @@ def report_page(reports: Sequence[Mapping[str, Any]], say: Language = ENGLISH, l
     for number, one in enumerate(reports):
         parts += _robot(one, say, new_page=number > 0)
     for robot in left_out:
-        parts += [heading(f"{robot['site']}/{robot['id']}"), paragraph(say.retell(robot["why"]), "warn")]
+        parts += [heading(f"{robot['site']}/{robot['id']}"), paragraph(say.say(robot["why"]), "warn")]
     first = reports[0]
     subtitle = say.say(
         "{names}. {begin} to {end}; made on {made} by joint-monitor {version}. Times are UTC.",
@@ -59,7 +59,7 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
     facts = say.say(
         "Serial number {serial}; {mounting}; payload {payload} kg; tool {tool}; trajectory {trajectory}.",
         serial=who["serial"] or say.say("not given"),
-        mounting=say.retell(str(who["mounting"])),
+        mounting=say.word(str(who["mounting"])),
         payload=say.figure(who["payload_kg"], 2),
         tool=who["tool"],
         trajectory=who["trajectory"],
@@ -101,7 +101,7 @@ def _verdict(report: Mapping[str, Any], say: Language) -> str:
         nothing = say.say("No replay was assessed in this period: nothing can be said of this arm.")
         return '<div class="box">' + paragraph(nothing, "warn") + "</div>"
     active = by_gravity([alert for alert in report["alerts"] if alert["active"]])
-    text = " ".join(lead(active[0], report, say)) if active else _capital(say.retell(verdict["why"]["arm"]["text"]))
+    text = " ".join(lead(active[0], report, say)) if active else _capital(say.of(verdict["why"]["arm"]))
     lines = [
         paragraph(Markup(f'{chip(verdict["health"]["arm"], say)} <b class="lead">{escaped(text)}</b>')),
         paragraph(
@@ -123,9 +123,9 @@ def _stale(report: Mapping[str, Any], say: Language) -> str:
         return ""
     known = [one["learnt_at"] for one in old if one["learnt_at"]]
     since = SINCE(at_unix_s=unix_s(min(known))) if known else IN_PERIOD
-    text = stale_reason([one["joint"] for one in old], len(report["joints"]), since, PERIODS_END).text
+    text = stale_reason([one["joint"] for one in old], len(report["joints"]), since, PERIODS_END)
     advice = say.say("Find out below why, and have the arm replayed before relying on it.")
-    return paragraph(f"{say.retell(text)}. {advice}", "warn")
+    return paragraph(f"{say.say(text)}. {advice}", "warn")
 
 
 def _joints(report: Mapping[str, Any], say: Language) -> str:
@@ -138,7 +138,7 @@ def _joints(report: Mapping[str, Any], say: Language) -> str:
         out_of_date = f" <b class=warn>{escaped(say.say('OUT OF DATE'))}</b>" if row["joint"] in old else ""
         rows.append(
             [
-                say.joint(row["joint"]),
+                say.name(row["joint"]),
                 Markup(chip(states[row["joint"] - 1], say) + out_of_date),
                 _pair(say, 100 * row["wear"], 100 * row["wear_std"], 1, signed=True),
                 _pair(say, PERCENT_PER_MONTH * row["wear_rate_per_day"], PERCENT_PER_MONTH * row["wear_rate_std_per_day"], 1, signed=True),
@@ -156,9 +156,9 @@ def _joints(report: Mapping[str, Any], say: Language) -> str:
         Column("fc [N·m]"),
         Column("fv [N·m·s/rad]"),
     ]
-    told = [reason.text for reason in (assumptions(report["joints"]), unseen_steps(report["joints"])) if reason is not None]
+    told = [say.say(reason) for reason in (assumptions(report["joints"]), unseen_steps(report["joints"])) if reason is not None]
     ripple = _ripple(report["joints"], say)
-    return table(columns, rows) + "".join(paragraph(text, "dim small") for text in [*map(say.retell, told), *ripple])
+    return table(columns, rows) + "".join(paragraph(text, "dim small") for text in [*told, *ripple])
 
 
 def _ripple(joints: Sequence[Mapping[str, Any]], say: Language) -> list[str]:
@@ -172,7 +172,7 @@ def _ripple(joints: Sequence[Mapping[str, Any]], say: Language) -> list[str]:
             if of["track_a"][k] is not None and of["track_a"][k] > 2.0 * of["track_std_a"][k]  # more than its noise
         ]
         if seen:
-            parts.append(f"{say.joint(row['joint'])} {', '.join(seen)}")
+            parts.append(f"{say.name(row['joint'])} {', '.join(seen)}")
     if not parts:
         return []
     text = say.say(
@@ -231,7 +231,7 @@ def _stops(report: Mapping[str, Any], say: Language) -> list[str]:
         if stop["allowed_at"] is not None:
             when, why = moment(unix_s(stop["allowed_at"]), say), stop["allowed_why"] or say.say("no reason")
             allowed = f"{stop['allowed_by']}, {when}: {why}"
-        what = f"{say.retell(stop['cause']).replace('_', ' ')}: {say.retell(stop['reason'])}"
+        what = f"{say.word(stop['cause'])}: {say.at(stop, 'reason')}"
         rows.append([moment(unix_s(stop["at"]), say), what, allowed])
     titles = [say.say("When"), say.say("what ended the replay"), say.say("who allowed motion again, and why")]
     return [heading(say.say("Stops that a person had to look at"), 3), table(titles, rows)]
@@ -259,7 +259,7 @@ def _small_print(report: Mapping[str, Any], say: Language) -> list[str]:
         heading(say.say("Thresholds in force when this was made"), 4),
         paragraph(thresholds),
         heading(say.say("What this method cannot see"), 4),
-        bullets(say.retell(limit) for limit in report["limits"]),
+        bullets(say.say(limit) for limit in report["limits"]),
         "</div>",
         Markup(f'<table class="sign"><tbody><tr><td>{by}</td><td>{date}</td></tr></tbody></table>'),
     ]

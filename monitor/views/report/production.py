@@ -20,7 +20,7 @@ def from_production(report: Mapping[str, Any], say: Language) -> list[str]:
     for joint in found["joints"]:
         share = "–" if joint["share"] is None else say.figure(joint["share"], 2)
         learnt = moment(unix_s(joint["learnt_at"]), say) if joint["learnt_at"] else "–"
-        rows.append([say.joint(joint["joint"]), str(joint["learnt_from_replays"]), str(joint["learnt_from_production"]), learnt, share])
+        rows.append([say.name(joint["joint"]), str(joint["learnt_from_replays"]), str(joint["learnt_from_production"]), learnt, share])
     titles = ["", say.say("Replays"), say.say("Periods of work"), say.say("Last learnt from work"), say.say("Information held/needed")]
     hours = say.figure(found["seen_s"] / SECONDS_AN_HOUR, 1)
     days = moment(unix_s(found["period_ended_at"]), say)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from monitor.publish.timestamps import unix_s
+from monitor.reason import reason_at
 from monitor.views.language.catalogue import Language
 from monitor.views.language.dates import day, moment
 from monitor.views.report.html import Column, bullets, paragraph, table
@@ -27,7 +28,7 @@ def groups(failed: Sequence[Mapping[str, Any]]) -> list[Group]:
     """The windows by how they ended and why: the gravest first, of equally grave ones the most frequent."""
     found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in failed:
-        found.setdefault((row["state"], cause(row["reason"])), []).append(row)
+        found.setdefault((row["state"], cause(reason_at(row, "reason"))), []).append(row)
     listed = [Group(state, why, rows) for (state, why), rows in found.items()]
     order = {state: k for k, state in enumerate(GRAVITY)}
     return sorted(listed, key=lambda group: (order.get(group.state, len(GRAVITY)), -len(group.windows)))
@@ -47,7 +48,7 @@ def unwatched(report: Mapping[str, Any], say: Language) -> list[str]:
     items += [
         say.say(
             "{joint}: {replays} of {of} replays said nothing of its friction.",
-            joint=say.joint(row["joint"]),
+            joint=say.name(row["joint"]),
             replays=row["replays"],
             of=row["of"],
         )
@@ -55,7 +56,7 @@ def unwatched(report: Mapping[str, Any], say: Language) -> list[str]:
     ]
     warnings = sorted(report["warnings"], key=lambda warning: -warning["count"])
     items += [
-        say.say("In {count} of the replays, e.g.: {text}", count=one["count"], text=say.retell(one["text"])) for one in warnings[:WARNINGS]
+        say.say("In {count} of the replays, e.g.: {text}", count=one["count"], text=say.at(one, "text")) for one in warnings[:WARNINGS]
     ]
     if len(warnings) > WARNINGS:
         items.append(say.say("{count} rarer warnings are left out.", count=len(warnings) - WARNINGS))
@@ -72,7 +73,7 @@ def _table(found: Sequence[Group], say: Language) -> str:
         times = [unix_s(row["window"]) for row in group.windows]
         first, last = day(times[0], times[-1], say), day(times[-1], times[-1], say)
         when = moment(times[0], say) if len(times) == 1 else first if first == last else f"{first} – {last}"
-        rows.append([f"{len(times)} ×", say.retell(group.state), when, say.retell(group.windows[-1]["reason"] or "")])
+        rows.append([f"{len(times)} ×", say.word(group.state), when, say.at(group.windows[-1], "reason")])
     rest = found[CAUSES:]
     if rest:
         count = sum(len(group.windows) for group in rest)

@@ -143,7 +143,7 @@ class PageApp:
         try:
             text = await asyncio.get_running_loop().run_in_executor(self._maker, make, say.code)
         except (BadInput, StoreError) as error:
-            return Response(say.retell(str(error)), status_code=409, media_type="text/plain")
+            return Response(say.say(error.reason), status_code=409, media_type="text/plain")
         response = Response(text, media_type=media_type)
         if media_type == "text/html":  # its drawings and its style stand in the page
             response.headers["Content-Security-Policy"] = REPORT_POLICY
@@ -205,7 +205,7 @@ class PageApp:
         if not self._access.from_page(request):
             return await self._refused(request, 403, "commands come from the page itself; load it anew")
         if (why := await asyncio.to_thread(self._access.refusal, request, command)) is not None:
-            return JSONResponse({"error": self._pages.language(request).retell(why)}, status_code=403)
+            return JSONResponse({"error": self._pages.language(request).say(why)}, status_code=403)
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             return await self._refused(request, 415, "expected application/json")
         body = await read_body(request)
@@ -221,13 +221,13 @@ class PageApp:
         try:
             answer = await asyncio.to_thread(self._content.act, command, self._access.signed(request, document))
         except BadInput as error:
-            return JSONResponse({"error": self._pages.language(request).retell(str(error))}, status_code=409)
+            return JSONResponse({"error": self._pages.language(request).say(error.reason)}, status_code=409)
         return JSONResponse(self._pages.language(request).document(dict(answer)))
 
     async def _refused(self, request: Request, status: int, why: str) -> Response:
         """The answer to a command that is none, or comes from elsewhere; it is noted."""
         await asyncio.to_thread(self._access.note, request, request.path_params["command"], why)
-        return JSONResponse({"error": self._pages.language(request).retell(why)}, status_code=status)
+        return JSONResponse({"error": self._pages.language(request).say(why)}, status_code=status)
 
 
 def _no_figure(name: str) -> float:

@@ -16,6 +16,7 @@ from monitor.acquire.schedule.needed import WHEN_NEEDED
 from monitor.acquire.schedule.windows import ScheduleSettings, expected
 from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339, unix_s
+from monitor.reason import with_reasons
 from monitor.store.store import Store
 from monitor.views.marks import Mark, mark_text, marks
 from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, BusAccess, columns, thinned
@@ -86,7 +87,7 @@ class Content:
         if not allowed:
             raise BadInput("allow: no stop is waiting for a person")
         log.info("motion allowed by=%r why=%r: %s", by, why, "; ".join(stop.text for stop in allowed))
-        return {"done": "allowed", "stops": [stop.text for stop in allowed]}
+        return {"done": "allowed", "stops": [stop.said.document() for stop in allowed]}
 
     def _marks(self) -> list[dict[str, Any]]:
         """What happened to the arm, for the charts."""
@@ -100,17 +101,19 @@ class Content:
         past = self.store.ledger.rows(limit=PAST_WINDOWS)
         tries, borrows = self.store.ledger.tries(past), self.store.borrows.of(past)
         rows = [
-            {
-                "replay": run[-1].id,
-                "window": rfc3339(run[-1].window_unix_s),
-                "from": rfc3339(run[0].window_unix_s),
-                "count": len(run),
-                "kind": run[-1].kind,
-                "state": run[-1].state,
-                "reason": run[-1].reason_text,
-                "tries": [f"{rfc3339(each.ended_at_unix_s)}: {each.reason}" for each in tries[run[-1].id]],
-                "borrowed": None if (lent := borrows.get(run[-1].id)) is None else {"program": lent.program, "waited_s": lent.waited_s},
-            }
+            with_reasons(
+                {
+                    "replay": run[-1].id,
+                    "window": rfc3339(run[-1].window_unix_s),
+                    "from": rfc3339(run[0].window_unix_s),
+                    "count": len(run),
+                    "kind": run[-1].kind,
+                    "state": run[-1].state,
+                    "tries": [with_reasons({"at": rfc3339(one.ended_at_unix_s)}, reason=one.reason) for one in tries[run[-1].id]],
+                    "borrowed": None if (lent := borrows.get(run[-1].id)) is None else {"program": lent.program, "waited_s": lent.waited_s},
+                },
+                reason=run[-1].reason,
+            )
             for run in reversed(runs(past))
         ]
         events = [
@@ -151,7 +154,7 @@ class Content:
             "history_mb": round(history.stat().st_size / 1e6, 2) if history.is_file() else None,
             "documents_dropped": self.bus.dropped,
             "last_windows": counts,
-            "stops": [stop.text for stop in self.store.stops.waiting()],
+            "stops": [stop.said.document() for stop in self.store.stops.waiting()],
         }
 
 
