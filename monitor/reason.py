@@ -63,7 +63,7 @@ class Words:
         """A UTC time to the minute: 2026-11-21 03:00 UTC."""
         return f"{_moment(unix_s, 'm').replace('T', ' ')} UTC"
 
-    def say(self, reason: "Reason") -> str:
+    def say(self, reason: "Reason", /) -> str:
         """The whole sentence. A reason of a code that this language does not know stays in English."""
         template = self.sentence(reason)
         if template is None:

@@ -3,7 +3,9 @@
 `make texts` runs it. What is new stands in the .po file without a translation, for a person to translate; then run it again.
 """
 
+import importlib
 import io
+import pkgutil
 import re
 import sys
 from pathlib import Path
@@ -13,7 +15,9 @@ from babel.messages.extract import extract_from_dir
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
+import monitor
 from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.reason import FREE, SENTENCES
 
 ROOT = Path(__file__).parents[2]
 LOCALE = ROOT / "monitor" / "views" / "language" / "locale"
@@ -50,6 +54,7 @@ def _strings_of_first_argument(source):
 
 
 METHODS = [("**/uPlot*", "ignore"), ("**.py", "python"), ("**.js", in_script), ("**.html", in_brackets)]
+OF_NO_LANGUAGE = (FREE, "several")  # sentences that hold others and no word of their own
 SAYING = ("monitor/views", "monitor/plant/screen", "monitor/gateway")  # folders whose texts people read
 
 
@@ -62,9 +67,19 @@ def template() -> Catalog:
                 continue
             found.add(text, locations=[(f"{folder}/{path}", None)])
     for condition in CONDITIONS.values():
-        for text in (condition.name, *filter(None, condition.headlines), *(tier.advice for tier in condition.tiers.values())):
-            found.add(text, locations=[("monitor/judge/alerts/conditions.py", None)])
+        found.add(condition.name, locations=[("monitor/judge/alerts/conditions.py", None)])
+    import_all()
+    for code, text in SENTENCES.items():
+        if code not in OF_NO_LANGUAGE:
+            found.add(text, context=code)
     return found
+
+
+def import_all() -> None:
+    """Import every module, so that `SENTENCES` has the sentences of all of them."""
+    for module in pkgutil.walk_packages(monitor.__path__, "monitor."):
+        if not module.name.endswith("__main__") and ".migrations." not in module.name:
+            importlib.import_module(module.name)
 
 
 def read(code: str) -> Catalog:
@@ -91,7 +106,7 @@ def main() -> int:
         catalogue.obsolete.clear()
         for message in catalogue:
             if message.id and not message.string:
-                sys.stdout.write(f"{folder.name}: not translated: {message.id}\n")
+                sys.stdout.write(f"{folder.name}: not translated: {f'{message.context}: ' if message.context else ''}{message.id}\n")
                 missing += 1
         target = folder / "LC_MESSAGES" / "joint_monitor"
         with target.with_suffix(".po").open("wb") as file:

@@ -12,6 +12,7 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS, health_from_document
 from monitor.judge.belief import belief_from_document
 from monitor.publish.timestamps import outside, rfc3339
+from monitor.reason import Sentence, with_reasons
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.inspection import inspection_document, stop_document
@@ -26,10 +27,20 @@ FACTS = ("serial", "firmware", "mounting_rad", "payload_kg", "tool", "trajectory
 STOPS_SHOWN = 40  # newest stops of the safety system in the period
 FAILED = ("skipped", "rejected", "aborted")
 LIMITS = (
-    "Friction does not see everything: a flexspline or a bearing can break with little change of friction before it.",
-    "Wear that begins together with a change of tool, payload, mounting or trajectory never seen before is taken for the change.",
-    "Remaining life is the time until friction meets its configured limit, not until a joint fails.",
-    "All joints rising together is taken for what they share (temperature, supply, payload), not for wear of each.",
+    Sentence(
+        "limit_breaks", "Friction does not see everything: a flexspline or a bearing can break with little change of friction before it."
+    )(),
+    Sentence(
+        "limit_changes",
+        "Wear that begins together with a change of tool, payload, mounting or trajectory never seen before is taken for the change.",
+    )(),
+    Sentence(
+        "limit_life",
+        "Remaining life is the time until friction meets its configured limit, not until a joint fails.",
+    )(),
+    Sentence(
+        "limit_common", "All joints rising together is taken for what they share (temperature, supply, payload), not for wear of each."
+    )(),
 )
 
 
@@ -67,7 +78,7 @@ def report(
             "unwatched": _unwatched(windows, rows, begin, min(end, now_unix_s), configuration.robot_description.joints),
             "stops": [_stop(stop, end) for stop in store.stops.rows() if begin <= stop.at_unix_s < end],
             "warnings": warnings,
-            "limits": list(LIMITS),
+            "limits": [limit.document() for limit in LIMITS],
             "history": rows,
         }
     )
@@ -115,13 +126,13 @@ def _facts(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]]
     """Contexts that were opened or resumed in the period with what changed, counted warnings, and the last assessment."""
     contexts: list[dict[str, Any]] = []
     counts: Counter[str] = Counter()
-    texts: dict[str, str] = {}
+    examples: dict[str, Mapping[str, Any]] = {}
     last, before = None, None
     for replay, at, document in store.assessments.between(begin, end):
         last = document
         for warning in document.get("warnings", ()):
             counts[warning["code"]] += 1
-            texts.setdefault(warning["code"], warning["text"])
+            examples.setdefault(warning["code"], warning)
         ledger = document.get("contexts") or []
         now = ledger[-1]["context"] if ledger else None
         if now is not None and now != before:
@@ -135,7 +146,7 @@ def _facts(store: Store, begin: float, end: float) -> tuple[list[dict[str, Any]]
                 }
             )
             before = now
-    warnings = [{"code": code, "count": count, "text": texts[code]} for code, count in counts.most_common()]
+    warnings = [{**examples[code], "count": count} for code, count in counts.most_common()]
     return contexts, warnings, last
 
 
@@ -240,8 +251,7 @@ def _stop(stop: Stop, end: float) -> dict[str, Any]:
 
 def _short(event: Mapping[str, Any]) -> dict[str, Any]:
     names = ("kind", "joint", "condition", "tier", "text", "by", "why", "acknowledged_by", "acknowledged_why", "shelved_by", "shelved_why")
-    names += ("serviced_kind", "reasons")
-    return {name: event.get(name) for name in names}
+    return {name: event.get(name) for name in (*names, "serviced_kind", "reasons")}
 
 
 def _unwatched(windows: Sequence[Any], rows: Sequence[Mapping[str, Any]], begin: float, end: float, joints: int) -> dict[str, Any]:

@@ -18,6 +18,24 @@ DOMAIN = "joint_monitor"
 LANGUAGES = {"en": "English", "de": "Deutsch"}  # by their codes, in their own words; the first is that of the documents
 CONTEXT = "\x04"  # gettext puts it between the context of a text and the text
 
+N_ = str  # marks a text for the catalogue
+NAMES = (  # how windows, alerts, causes and parts of the monitor are named in documents
+    N_("assessed"), N_("skipped"), N_("rejected"), N_("aborted"), N_("started"), N_("recorded"), N_("scheduled"), N_("manual"),
+    N_("import"), N_("raised"), N_("updated"), N_("cleared"), N_("acknowledged"), N_("shelved"), N_("advisory"), N_("wear"),
+    N_("limit"), N_("wear tier"), N_("ground"), N_("wall"), N_("ceiling"), N_("store"), N_("disk"), N_("clock"), N_("backup"),
+    N_("router"), N_("Base"), N_("Shoulder"), N_("Elbow"), N_("Wrist 1"), N_("Wrist 2"), N_("Wrist 3"), N_("The arm"),
+    N_("Joint {number}"), N_("joint {number}"), N_("scheduler"), N_("bus"), N_("listener"), N_("maintenance"), N_("previous_stop"),
+    N_("robot_model"), N_("no_other_program"), N_("finite"), N_("stationary"), N_("motion_allowed"), N_("address"), N_("time_window"),
+    N_("trajectory"), N_("trajectory_clear"), N_("drive_gains"), N_("tcp_speed"), N_("safety_planes"), N_("software"), N_("serial"),
+    N_("joint_limits"), N_("remote_control"), N_("safety_mode"), N_("robot_mode"), N_("joints_running"), N_("teach_button"),
+    N_("speed_scaling"), N_("payload"), N_("payload_cog"), N_("tcp_offset"), N_("gravity"), N_("approach_clear"), N_("temperatures"),
+    N_("permit"), N_("torque_band"), N_("following_error"), N_("violation"), N_("fault"), N_("blue lids"), N_("blue lid screws"),
+    N_("flat rings"), N_("robot cable"), N_("robot cable connection"), N_("robot arm mounting bolts"), N_("tool mounting bolts"),
+    N_("screws and bolts on joints"), N_("monitor_silent"), N_("plant_silent"), N_("unacknowledged"), N_("unshelved"), N_("serviced"),
+    N_("protective_stop"), N_("approach_near"), N_("look"), N_("acknowledge"), N_("move"), N_("configure"), N_("cold start"),
+    N_("evidence"), N_("learning"), N_("every"), N_("cron"), N_("asked for"), N_("no permission"), N_("missed"),
+)  # fmt: skip
+
 
 class Language(Words):
     """One language. `code` is that of the HTML attribute lang."""
@@ -34,6 +52,7 @@ class Language(Words):
         return text.format(**values) if values else text
 
     def sentence(self, reason: Reason) -> str | None:
+        """The sentence of the reason's code; None where this language has none."""
         return self.sentences.get(reason.code) if self.code != "en" else super().sentence(reason)
 
     def joint(self, joint: int) -> str:
@@ -56,9 +75,11 @@ class Language(Words):
         return text.replace(".", ",").replace("%", "\u00a0%") if self.code == "de" else text
 
     def day(self, unix_s: float) -> str:
+        """A UTC day."""
         return f"{datetime.fromtimestamp(unix_s, UTC):%d.%m.%Y}" if self.code == "de" else super().day(unix_s)
 
     def time(self, unix_s: float) -> str:
+        """A UTC time to the minute."""
         return f"{datetime.fromtimestamp(unix_s, UTC):%d.%m.%Y, %H:%M} UTC" if self.code == "de" else super().time(unix_s)
 
     def figure(self, value: float, digits: int = 1, *, signed: bool = False) -> str:

@@ -106,7 +106,7 @@ def transitions(report: Mapping[str, Any], say: Language) -> list[str]:
         [
             moment(unix_s(event["at"]), say),
             say.name(event["joint"]),
-            say.say(mark_text(event) or "") or _name(event.get("condition") or event["kind"], say),
+            say.say(work) if (work := mark_text(event)) else _name(event.get("condition") or event["kind"], say),
             say.word(event["kind"]) + _tier(event, say),
             _by(event),
         ]

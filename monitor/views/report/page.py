@@ -259,7 +259,7 @@ def _small_print(report: Mapping[str, Any], say: Language) -> list[str]:
         heading(say.say("Thresholds in force when this was made"), 4),
         paragraph(thresholds),
         heading(say.say("What this method cannot see"), 4),
-        bullets(say.say(limit) for limit in report["limits"]),
+        bullets(say.of(limit) for limit in report["limits"]),
         "</div>",
         Markup(f'<table class="sign"><tbody><tr><td>{by}</td><td>{date}</td></tr></tbody></table>'),
     ]

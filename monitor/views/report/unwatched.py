@@ -56,7 +56,8 @@ def unwatched(report: Mapping[str, Any], say: Language) -> list[str]:
     ]
     warnings = sorted(report["warnings"], key=lambda warning: -warning["count"])
     items += [
-        say.say("In {count} of the replays, e.g.: {text}", count=one["count"], text=say.at(one, "text")) for one in warnings[:WARNINGS]
+        say.say("In {count} of the replays, e.g.: {text}", count=one["count"], text=say.document(one)["text"])
+        for one in warnings[:WARNINGS]
     ]
     if len(warnings) > WARNINGS:
         items.append(say.say("{count} rarer warnings are left out.", count=len(warnings) - WARNINGS))

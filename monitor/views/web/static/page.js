@@ -219,7 +219,7 @@ function windowRow(row_) {
   if (alike) { const [first, last] = [days(row_.from), days(row_.window)]; when.textContent = first === last ? first : `${first} – ${last}`; }
   const lent = row_.borrowed, program = lent && (lent.program || t("a program without a name"));
   const from = !lent ? [] : [lent.waited_s == null ? t("borrowed from {program}, not given back", { program }) : t("borrowed from {program}, which waited {seconds} s", { program, seconds: number(lent.waited_s, 1) })];
-  const told = [row_.reason ? `${t(row_.state)}: ${row_.reason}` : t(row_.state), ...from, ...(row_.tries || []).map((text, i) => t("try {number} ended {text}", { number: i + 1, text }))].join("; ");
+  const told = [row_.reason ? `${t(row_.state)}: ${row_.reason}` : t(row_.state), ...from, ...(row_.tries || []).map((one, i) => t("try {number} ended {text}", { number: i + 1, text: `${brief(one.at)}: ${one.reason}` }))].join("; ");
   row.append(when, make("td", alike ? `${row_.count} × ${told}` : row_.kind === "scheduled" ? told : `${told} (${t(row_.kind)})`));
   return row;
 }
@@ -245,7 +245,7 @@ async function history() {
 
 async function self() {
   const own = await read("/api/monitor");
-  stops = own.stops;
+  stops = own.stops.map((stop) => stop.text);
   problems();
   verdict();
   const hours = own.up_s / 3600, up = hours < 1 ? t("{count} min", { count: number(own.up_s / 60, 0) }) : hours < 72 ? t("{count} h", { count: number(hours, 1) }) : t("{count} days", { count: number(hours / 24, 0) });
