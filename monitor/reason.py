@@ -120,6 +120,7 @@ class Sentence:
 
 ANYTHING = Sentence(FREE, "{text}")
 SEVERAL = Sentence("several", "{reasons:each}")
+OF_NO_LANGUAGE = frozenset({FREE, SEVERAL.code})  # sentences without a word of their own: every language has them
 
 
 def reason_of(said: "str | Reason") -> Reason:

@@ -17,7 +17,7 @@ from babel.messages.pofile import read_po, write_po
 
 import monitor
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.reason import FREE, SENTENCES
+from monitor.reason import OF_NO_LANGUAGE, SENTENCES
 
 ROOT = Path(__file__).parents[2]
 LOCALE = ROOT / "monitor" / "views" / "language" / "locale"
@@ -54,7 +54,6 @@ def _strings_of_first_argument(source):
 
 
 METHODS = [("**/uPlot*", "ignore"), ("**.py", "python"), ("**.js", in_script), ("**.html", in_brackets)]
-OF_NO_LANGUAGE = (FREE, "several")  # sentences that hold others and no word of their own
 SAYING = ("monitor/views", "monitor/plant/screen", "monitor/gateway")  # folders whose texts people read
 
 

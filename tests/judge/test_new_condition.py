@@ -19,10 +19,11 @@ PAGE = (ROOT / "docs" / "CONTRIBUTING.md").read_text("utf-8").partition("\n## Ad
 FILE = re.search(r"Add one record to `CONDITIONS` in \[`([\w/.]+)`\]", PAGE)[1]
 BEFORE = re.search(r"here before\s+`([^`]+)`", PAGE)[1]  # the record in front of which the new one is put
 CATALOGUE = re.search(r"Translate them in\s+`([\w/.]+)`", PAGE)[1]
-GERMAN = {
-    "overheated": "überhitzt",
-    "{joint} is too hot.": "{joint} ist zu heiß.",
-    "Let the arm cool down.": "Lassen Sie den Arm abkühlen.",
+GERMAN = {  # by context and text
+    ("", "overheated"): "überhitzt",
+    ("hot_joint", "{joint:joint} is hotter than 70 °C, in {replays} replays in a row."): "{joint:joint} ist über 70 °C, {replays}-mal.",
+    ("overheated.joint", "{joint:name} is too hot."): "{joint:name} ist zu heiß.",
+    ("overheated.advisory", "Let the arm cool down."): "Lassen Sie den Arm abkühlen.",
 }
 # three hot days of joint 2, and what the copy says of them; run in the copy
 LIVE = """
@@ -44,7 +45,7 @@ reference = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(reference)
 told = {code: sentences(document, JointPast(), alert.raised_at_unix_s, language(code)) for code in ("en", "de")}
 print(json.dumps({
-    "why": {code: language(code).retell(history.health.why) for code in told},
+    "why": {code: language(code).say(history.health.why) for code in told},
     "headline": {code: each.headline for code, each in told.items()},
     "due": {code: each.due for code, each in told.items()},
     "row": [line for line in reference.alerts_page().splitlines() if "overheated" in line],
@@ -80,16 +81,17 @@ def program(tmp_path_factory) -> Program:
 
 @pytest.mark.slow
 def test_the_steps_of_the_page_make_a_condition_that_is_told_in_every_language(program: Program) -> None:
-    """`make texts` asks for three translations and for no more; after them headline, advice, state and table's row are there."""
+    """`make texts` asks for four translations and for no more; after them headline, advice, state and table's row are there."""
     asked = program.run("docs/site/texts.py")
     assert asked.returncode == 1, asked.stderr
-    assert asked.stdout.splitlines() == [f"de: not translated: {text}" for text in GERMAN]
+    assert asked.stdout.splitlines() == [f"de: not translated: {f'{code}: ' if code else ''}{text}" for code, text in GERMAN]
     catalogue = program.folder / CATALOGUE
     text = catalogue.read_text("utf-8")
-    for english, german in GERMAN.items():
-        empty = f'msgid "{english}"\nmsgstr ""\n'
+    for (code, english), german in GERMAN.items():
+        context = f'msgctxt "{code}"' if code else ""
+        empty = f'{context}\nmsgid "{english}"\nmsgstr ""\n'
         assert text.count(empty) == 1
-        text = text.replace(empty, f'msgid "{english}"\nmsgstr "{german}"\n')
+        text = text.replace(empty, empty.replace('msgstr ""', f'msgstr "{german}"'))
     catalogue.write_text(text, "utf-8")
     made = program.run("docs/site/texts.py")
     assert (made.returncode, made.stdout) == (0, ""), made.stderr

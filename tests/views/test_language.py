@@ -1,14 +1,17 @@
-"""The languages of page and report: every text is translated, and stored English sentences are said in the reader's language."""
+"""The languages of page and report: every text and every sentence of a code is translated, and said in the reader's language."""
 
 import importlib.util
+import json
 import re
-import time
 from pathlib import Path
 
 import pytest
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.conditions import CAUSES, CONDITIONS, FRICTION_CHANGED, NOTHING_MOVES
+from monitor.judge.alerts.states import ALERT_ACTIVE_BY, IN_PERIOD, OF_JOINT, stale_reason
+from monitor.reason import SENTENCES, Reason, reason_from, reason_of, together, with_reasons
+from monitor.store.history.motions import STOPPED
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH, LANGUAGES, best_language, language
 from monitor.views.language.dates import utc
@@ -23,10 +26,12 @@ ALERT = {"joint": 3, "condition": "wear_rising", "tier": "wear", "active": True,
 @pytest.mark.parametrize("code", OTHERS)
 def test_a_translation_has_the_places_of_its_text(code):
     """A figure that is said in English is said in every language, and no other."""
-    catalogue = language(code).catalogue
+    catalogue, sentences_of = language(code).catalogue, language(code).sentences
     assert len(catalogue) > 300
-    wrong = [text for text, said in catalogue.items() if set(re.findall(r"\{\w+\}", text)) != set(re.findall(r"\{\w+\}", said))]
-    assert not wrong
+    assert len(sentences_of) > 300
+    pairs = [*catalogue.items(), *((SENTENCES[one], said) for one, said in sentences_of.items() if one in SENTENCES)]
+    place = re.compile(r"\{(\w+)")
+    assert [text for text, said in pairs if set(place.findall(text)) != set(place.findall(said))] == []
 
 
 @pytest.mark.parametrize("code", OTHERS)
@@ -36,24 +41,32 @@ def test_every_text_is_translated_and_compiled(code):
     spec = importlib.util.spec_from_file_location("texts", ROOT / "docs" / "site" / "texts.py")
     texts = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(texts)
-    stored = {message.id: message.string for message in texts.read(code) if message.id}
-    assert {message.id for message in texts.template() if message.id} == set(stored), "run: make texts"
+    stored = {(message.context, message.id): message.string for message in texts.read(code) if message.id}
+    assert {(message.context, message.id) for message in texts.template() if message.id} == set(stored), "run: make texts"
     assert [text for text, said in stored.items() if not said] == []
-    assert language(code).catalogue == stored, "run: make texts"
+    assert language(code).catalogue == {text: said for (context, text), said in stored.items() if context is None}, "run: make texts"
+    assert language(code).sentences == {context: said for (context, _), said in stored.items() if context}, "run: make texts"
 
 
 @pytest.mark.parametrize("code", OTHERS)
 def test_every_advice_of_an_alert_is_translated(code):
     """A new condition needs its advice in each language: run `make texts`, and translate it."""
-    advice = {tier.advice for condition in CONDITIONS.values() for tier in condition.tiers.values()}
-    assert advice <= set(language(code).catalogue)
+    advice = {condition.action(tier).code for condition in CONDITIONS.values() for tier in condition.tiers}
+    assert advice <= set(language(code).sentences)
     assert set(CONDITIONS) <= set(language(code).catalogue)
 
 
+RISE = FRICTION_CHANGED(
+    **{"joint": 3, "speed_rad_s": 0.4, "temperature_c": 30.6, "before_nm": 11.76, "now_nm": 14.29, "change": 0.216, "std": 0.017},
+    **{"slope": 0.0043, "replays": 17, "days": 17},
+)
+
+
 @pytest.mark.parametrize(
-    ("english", "german"),
+    ("reason", "english", "german"),
     [
         (
+            together(RISE, CAUSES(whole=0.214, temperature=-0.006, payload=0.0, wear=0.216, rest=0.004)),
             "Elbow (joint 3): friction at 0.4 rad/s and 30.6 °C went from 11.76 to 14.29 N·m (+21.6% ± 1.7%), temperature taken out "
             "(0.43%/K); 17 replays on 17 days in a row agree. Of the measured +21.4%, temperature makes -0.6%, payload and context +0.0%, "
             "wear +21.6%, chance +0.4%.",
@@ -61,46 +74,43 @@ def test_every_advice_of_an_alert_is_translated(code):
             "herausgerechnet (0,43 %/K); 17 Prüffahrten an 17 Tagen nacheinander stimmen überein. Von den gemessenen +21,4 % kommen -0,6 % "
             "von der Temperatur, +0,0 % von Last und Umfeld, +21,6 % vom Verschleiß, +0,4 % vom Zufall.",
         ),
-        ("Elbow (joint 3): wear_rising (wear): +21.6%", "Ellbogen (Gelenk 3): zunehmender Verschleiß (Verschleiß): +21,6 %"),
         (
-            "Nothing moves since 2026-11-20T10:00:00Z: replay 7 was ended by protective_stop: safety mode 3. It waits for a person.",
-            "Seit 20.11.2026, 10:00 bewegt sich nichts: Prüffahrt 7 wurde beendet durch Schutzstopp: safety mode 3. Es wartet auf "
+            OF_JOINT(joint=3, why=ALERT_ACTIVE_BY(condition="wear_rising", tier="wear", change=0.216)),
+            "Elbow (joint 3): wear rising (wear): +21.6%",
+            "Ellbogen (Gelenk 3): zunehmender Verschleiß (Verschleiß): +21,6 %",
+        ),
+        (
+            NOTHING_MOVES(since_unix_s=NOVEMBER, why=STOPPED(replay=7, cause="protective_stop", reason="safety mode 3")),
+            "Nothing moves since 2026-11-16 00:00 UTC: replay 7 was ended by protective_stop: safety mode 3. It waits for a person.",
+            "Seit 16.11.2026, 00:00 UTC bewegt sich nichts: Prüffahrt 7 wurde beendet durch Schutzstopp: safety mode 3. Es wartet auf "
             "einen Menschen.",
         ),
-        (
-            "payload: the controller reckons with 0.900 kg, the configuration says 1.000 kg; at most 0.05 kg apart",
-            "Last: die Steuerung rechnet mit 0,900 kg, die Konfiguration sagt 1,000 kg; höchstens 0,05 kg Unterschied",
-        ),
-        ("What is known of Elbow (joint 3) is what it was before the work was declared; 3 replays since then were judged once more.",
-         "Von Ellbogen (Gelenk 3) ist wieder bekannt, was vor der Eintragung der Arbeit bekannt war; 3 Prüffahrten seither wurden noch "
-         "einmal ausgewertet."),
-        ("at '2030-01-01': that is yet to come; declare work when it is done",
-         "am '01.01.2030': das liegt in der Zukunft; Arbeit eintragen, wenn sie getan ist"),
-        ("127.0.0.1: RTDE answers but sends no data", "127.0.0.1: RTDE antwortet, sendet aber keine Daten"),
-        ("no permission: the cell's door is open", "keine Freigabe: the cell's door is open"),  # the words of another program stay
-        ("approach_near: Wrist 3 (joint 6) is 2.60 rad from the start of the excitation; at most 1.5",
-         "Arm zu weit vom Start: Handgelenk 3 (Gelenk 6) ist 2,60 rad vom Start der Prüffahrt entfernt; höchstens 1,5"),
-        ("a sentence of a later version at 1.5 rad on 2026-06-30", "a sentence of a later version at 1,5 rad on 30.06.2026"),
+        (reason_of("the words of another program at 1.5 rad"), "the words of another program at 1.5 rad", None),
+        (Reason("code_of_a_later_version", {}, "a later sentence"), "a later sentence", None),
     ],
-)  # fmt: skip
-def test_a_stored_sentence_is_said_in_german(english, german):
-    """Joint names, figures and dates are German too; what nobody knows stays English, and English stays as it is."""
-    assert language("de").retell(english).replace("\u00a0", " ") == german
-    assert ENGLISH.retell(english) == english
+)
+def test_a_reason_is_said_in_german(reason, english, german):
+    """Joint names, figures and dates are German too; what nobody knows stays English, also after the reason was a document."""
+    for each in (reason, reason_from(json.loads(json.dumps(reason.document())))):
+        assert ENGLISH.say(each) == english
+        assert language("de").say(each).replace("\u00a0", " ") == (german or english)
 
 
-def test_a_long_text_of_another_program_is_no_burden():
-    """A reason of many thousand letters is passed on at once."""
-    began = time.process_time()
-    for text in ("x: " * 20_000, "joint is at " * 5_000, "W " * 10_000):
-        assert language("de").retell(text).strip() == text.strip()
-    assert time.process_time() - began < 2.0
-
-
-def test_what_a_person_wrote_is_never_translated():
-    """A reason of a person that happens to be a known text stays; so do names, and texts under other keys."""
-    document = {"text": "no permission", "acknowledged_why": "no permission", "by": "May", "state": "skipped", "rows": [{"why": "missed"}]}
-    assert language("de").document(document) == document | {"text": "keine Freigabe", "rows": [{"why": "versäumt"}]}
+def test_a_document_is_said_with_every_reason_in_it():
+    """One object that is a reason, sentences under keys of their own, and both in lists; what a person wrote stays."""
+    stale = stale_reason([3], 6, IN_PERIOD)
+    document = {
+        "by": "May",
+        "state": "skipped",
+        "acknowledged_why": "no temperature",
+        "rows": [with_reasons({}, why=stale), stale.document()],
+    }
+    said = language("de").document(json.loads(json.dumps(document)))
+    assert {name: said[name] for name in ("by", "state", "acknowledged_why")} == {
+        name: document[name] for name in ("by", "state", "acknowledged_why")
+    }
+    german = "VERALTET: Ellbogen: in diesem Zeitraum wurde nichts gelernt: der Zustand ist von damals, nicht von jetzt"
+    assert [said["rows"][0]["why"], said["rows"][1]["text"]] == [german, german]
 
 
 @pytest.mark.parametrize(
@@ -164,9 +174,9 @@ def test_an_alert_leads_with_what_when_and_by_when(friction, tier, pace, due):
     assert not re.search(r"\b(the|at|in|by|it|May|to)\b", german.pace.replace(" in ", " "))
 
 
-def test_a_rise_counts_from_the_lowest_friction_that_its_text_names():
-    """After grease that took, the comparison is with the day that the text names."""
-    alert = ALERT | {"text": "… above the lowest level held, -8.0% from the beginning, reached by 2026-10-30), …"}
+def test_a_rise_counts_from_the_lowest_friction_held():
+    """After grease that took, the comparison is with the day on which friction was lowest."""
+    alert = ALERT | {"lowest_at": "2026-10-30T12:00:00Z"}
     assert sentences(alert, JointPast(), NOVEMBER, ENGLISH).headline == "Elbow turns 9\u00a0% heavier than on 30 October."
     assert sentences(ALERT, JointPast(), NOVEMBER, ENGLISH).headline == "Elbow turns 9\u00a0% heavier than at the beginning."
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from monitor.reason import JOINT_NAMES, Reason, Words, reason_at, reason_from
+from monitor.reason import JOINT_NAMES, OF_NO_LANGUAGE, Reason, Words, reason_at, reason_from
 
 DOMAIN = "joint_monitor"
 LANGUAGES = {"en": "English", "de": "Deutsch"}  # by their codes, in their own words; the first is that of the documents
@@ -53,7 +53,7 @@ class Language(Words):
 
     def sentence(self, reason: Reason) -> str | None:
         """The sentence of the reason's code; None where this language has none."""
-        return self.sentences.get(reason.code) if self.code != "en" else super().sentence(reason)
+        return super().sentence(reason) if self.code == "en" or reason.code in OF_NO_LANGUAGE else self.sentences.get(reason.code)
 
     def joint(self, joint: int) -> str:
         """A joint (from 1) with its number, e.g. Elbow (joint 3)."""
