@@ -5,14 +5,25 @@ from typing import NamedTuple
 
 from monitor.gateway.outbox import Owed
 from monitor.gateway.values import CLEARED, ENDED, PLANT, PLANT_SILENT, RAISED, ArmState, Delivery, Transition, transition_id
+from monitor.judge.alerts.conditions import NO_REASON
 from monitor.plant.links import ArmName
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason, Sentence, with_reasons
 
 CONDITION = "monitor_silent"
 TIER = "advisory"
 SILENCES = "silence"  # under this name the outbox keeps which silences are told
-ACTION = "Look at the computer of this arm's monitor, and at the network between it and the plant: until it is heard, wear goes unnoticed."
-PLANT_ACTION = "Look at the service joint-monitor-plant: until it runs, nobody follows the arms and no alert gets through."
+HEARD_AGAIN = Sentence("monitor_heard_again", "The monitor of this arm is heard again.")()
+NOT_HEARD = Sentence("monitor_not_heard", "Nobody hears the monitor of this arm: {why}.")
+LOOK_AT_MONITOR = Sentence(
+    "look_at_monitor",
+    "Look at the computer of this arm's monitor, and at the network between it and the plant: until it is heard, wear goes unnoticed.",
+)()
+PLANT_RUNS = Sentence("plant_runs_again", "The plant's service runs again.")()
+PLANT_STANDS = Sentence("plant_does_not_run", "The plant's service does not run.")()
+LOOK_AT_PLANT = Sentence(
+    "look_at_plant", "Look at the service joint-monitor-plant: until it runs, nobody follows the arms and no alert gets through."
+)()
 
 
 class Silence(NamedTuple):
@@ -31,10 +42,10 @@ def changed_silences(arms: Mapping[ArmName, ArmState], told: Sequence[Owed], sil
         since, before = arm.silent_since_unix_s, known.get(str(name))
         if since is None and before is not None:
             began = float(before.document["since_unix_s"])
-            ended = _transition(name, CONDITION, began, now_unix_s, "The monitor of this arm is heard again.", over=True)
+            ended = _transition(name, CONDITION, began, now_unix_s, HEARD_AGAIN, over=True)
             found.append(Silence(ended, None, (before.id,)))
         elif since is not None and before is None and 0.0 < silent_s <= now_unix_s - since:
-            text = f"Nobody hears the monitor of this arm: {arm.silent_why or 'nobody knows why'}."
+            text = NOT_HEARD(why=arm.silent_why or NO_REASON)
             kept = Delivery(key=f"{name}/{since:.3f}", recipient="", kind="silence", document={"since_unix_s": since}, robot=str(name))
             found.append(Silence(_transition(name, CONDITION, since, now_unix_s, text, over=False), kept, ()))
     return found
@@ -59,13 +70,13 @@ class PlantWatch:
         before = next((each for each in told if each.kind == PLANT_SILENT), None)
         if before is not None and said_unix_s != before.document["said_unix_s"]:
             began = float(before.document["since_unix_s"])
-            ended = _transition(PLANT, PLANT_SILENT, began, now_unix_s, "The plant's service runs again.", over=True)
+            ended = _transition(PLANT, PLANT_SILENT, began, now_unix_s, PLANT_RUNS, over=True)
             return [Silence(ended, None, (before.id,))]
         since = self._since_unix_s
         if before is None and said_unix_s is not None and 0.0 < self._silent_s <= now_unix_s - since:
             document = {"since_unix_s": since, "said_unix_s": said_unix_s}
             kept = Delivery(key=f"{PLANT_SILENT}/{since:.3f}", recipient="", kind=PLANT_SILENT, document=document)
-            begun = _transition(PLANT, PLANT_SILENT, since, now_unix_s, "The plant's service does not run.", over=False)
+            begun = _transition(PLANT, PLANT_SILENT, since, now_unix_s, PLANT_STANDS, over=False)
             return [Silence(begun, kept, ())]
         return []
 
@@ -74,13 +85,14 @@ class PlantWatch:
         self._since_unix_s = None
 
 
-def _transition(name: ArmName, condition: str, since_unix_s: float, now_unix_s: float, text: str, *, over: bool) -> Transition:
+def _transition(name: ArmName, condition: str, since_unix_s: float, now_unix_s: float, text: Reason, *, over: bool) -> Transition:
     began, now = rfc3339(since_unix_s), rfc3339(now_unix_s)
-    action = PLANT_ACTION if condition == PLANT_SILENT else ACTION
     document = {
         **{"joint": None, "condition": condition, "tier": TIER, "active": not over, "kind": CLEARED if over else RAISED, "at": now},
-        **{"raised_at": began, "updated_at": now, "change": 0.0, "probability": 1.0, "text": text, "action": "" if over else action},
+        **{"raised_at": began, "updated_at": now, "change": 0.0, "probability": 1.0, "action": ""},
     }
+    if not over:
+        document = with_reasons(document, action=LOOK_AT_PLANT if condition == PLANT_SILENT else LOOK_AT_MONITOR)
     return Transition(
         id=transition_id(name, None, condition, CLEARED if over else RAISED, TIER, since_unix_s),
         arm=name,
@@ -91,6 +103,6 @@ def _transition(name: ArmName, condition: str, since_unix_s: float, now_unix_s: 
         kind=CLEARED if over else RAISED,
         at_unix_s=now_unix_s,
         raised_at_unix_s=since_unix_s,
-        text=text,
-        document=document,
+        text=text.text,
+        document=with_reasons(document, text=text),
     )
