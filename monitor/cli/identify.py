@@ -245,7 +245,7 @@ def listen(
     from monitor.model.robot import Mounting, load_robot
     from monitor.store import identify_files
     from monitor.store.from_files.production_files import ListenRequest, listen_to_files
-    from monitor.views.terminal.production import print_listened
+    from monitor.views.terminal.arm import print_listened
     from monitor.views.terminal.progress import progress
 
     arm = None if robot is None and urdf is None else identify_files.arm(robot, urdf)

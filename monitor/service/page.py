@@ -13,9 +13,8 @@ from monitor.errors import BadInput
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
-from monitor.views.web.about import about_arm
 from monitor.views.web.content import Content
-from monitor.views.web.page_content import BusAccess
+from monitor.views.web.page_content import BusAccess, about_arm
 
 if TYPE_CHECKING:
     from monitor.views.web.server import PageServer

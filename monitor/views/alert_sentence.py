@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
-from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import around, day, since, span, utc
-from monitor.views.marks import PRODUCTION
+from monitor.views.history import PRODUCTION
+from monitor.views.language.catalogue import Language, around, day, since, span, utc
 
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much

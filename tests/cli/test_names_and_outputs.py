@@ -8,7 +8,7 @@ import pytest
 from command_line import ended
 
 from monitor.views.terminal.arm import print_alerts, print_status
-from monitor.views.terminal.local_times import local_times
+from monitor.views.terminal.figures import local_times
 from monitor.views.terminal.progress import progress, progress_text
 
 STOPPED = {"joint": None, "condition": "stopped", "tier": "advisory", "active": True, "action": "Look at the arm.", "change": 0.0}

@@ -36,8 +36,8 @@ from monitor.simulate.machine.state import SafetyMode
 from monitor.simulate.wire.primary import encoded
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
-from monitor.views.report.inspection import inspection
-from monitor.views.terminal.inspection import inspection_lines
+from monitor.views.report.sections import inspection
+from monitor.views.terminal.arm import inspection_lines
 
 NOW = 20_000.5 * DAY_S  # noon of 2024-10-04
 ROBOT = {"model": "ur5", "site": "lab", "id": "cell-1"}

@@ -41,7 +41,7 @@ from monitor.store.history.database import packed
 from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
-from monitor.views.report.production import from_production
+from monitor.views.report.sections import from_production
 from monitor.views.terminal.arm import from_production_lines
 
 LIVED = 3  # days with a replay; their times are 1e9 s and whole days

@@ -13,8 +13,7 @@ from monitor.judge.alerts.states import ALERT_ACTIVE_BY, IN_PERIOD, OF_JOINT, st
 from monitor.reason import SENTENCES, Reason, reason_from, reason_of, together, with_reasons
 from monitor.store.history.motions import STOPPED
 from monitor.views.alert_sentence import JointPast, sentences
-from monitor.views.language.catalogue import ENGLISH, LANGUAGES, best_language, language
-from monitor.views.language.dates import utc
+from monitor.views.language.catalogue import ENGLISH, LANGUAGES, best_language, language, utc
 from monitor.views.web.settings import PageSettings
 
 ROOT = Path(__file__).parents[2]

@@ -1,8 +1,8 @@
 """Work on joints as people see it: marks of the charts, and the table of the report."""
 
+from monitor.views.history import mark_text, marks
 from monitor.views.language.catalogue import ENGLISH
-from monitor.views.marks import mark_text, marks
-from monitor.views.report.maintenance import maintenance_table
+from monitor.views.report.sections import maintenance_table
 
 DAY_S = 86_400.0
 

@@ -17,7 +17,7 @@ from monitor.store.store import Store
 from monitor.views.language.catalogue import language
 from monitor.views.report.charts import law_points, single_replay_change
 from monitor.views.report.page import report_page
-from monitor.views.report.unwatched import groups
+from monitor.views.report.sections import groups
 
 pytestmark = pytest.mark.xdist_group("page")
 DAYS = 40

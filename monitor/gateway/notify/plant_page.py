@@ -7,8 +7,7 @@ from zoneinfo import ZoneInfo
 from monitor import __version__
 from monitor.gateway.notify.texts import KINDS, TIERS, headline, local
 from monitor.gateway.values import ArmState, Transition, gravity
-from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import full_day, moment
+from monitor.views.language.catalogue import Language, full_day, moment
 from monitor.views.report.html import Markup, escaped, heading, page, paragraph, table
 
 SICK = ("FAILURE", "MAINTENANCE_REQUIRED")

@@ -12,8 +12,7 @@ from monitor.gateway.notify.settings import NotifySettings, RecipientSettings, t
 from monitor.gateway.notify.texts import Message, one_line
 from monitor.gateway.outbox import Owed
 from monitor.gateway.values import ArmState, Delivery
-from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import full_day
+from monitor.views.language.catalogue import Language, full_day
 
 N_ = str  # marks a text for the catalogue
 TITLES = {

@@ -21,9 +21,8 @@ from monitor.plant.status import refuse_doubled
 from monitor.plant.tables import FIGURES, LIFE_FIGURES, arm, friction, last_value, transition
 from monitor.publish.documents import Alert
 from monitor.publish.timestamps import rfc3339
-from monitor.views.marks import mark_text
-from monitor.views.web.about import about_arm
-from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, SERIES, BusAccess, columns, thinned
+from monitor.views.history import mark_text
+from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, SERIES, BusAccess, about_arm, columns, thinned
 
 ROWS = 5000  # read at once
 PAST_WINDOWS = 400  # newest replays that the page counts as one row

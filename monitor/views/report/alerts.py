@@ -7,9 +7,8 @@ from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.health import TIERS
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences
-from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import moment
-from monitor.views.marks import mark_text
+from monitor.views.history import mark_text
+from monitor.views.language.catalogue import Language, moment
 from monitor.views.report.charts import STATE_COLOURS
 from monitor.views.report.html import Markup, escaped, heading, paragraph, table
 

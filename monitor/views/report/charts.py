@@ -8,9 +8,8 @@ import numpy as np
 
 from monitor.publish.timestamps import unix_s
 from monitor.recording import Array
-from monitor.views.language.catalogue import Language
-from monitor.views.language.dates import MONTHS, utc
-from monitor.views.report.maintenance import draw_maintenance
+from monitor.views.language.catalogue import MONTHS, Language, utc
+from monitor.views.report.sections import draw_maintenance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,16 +9,12 @@ from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import IN_PERIOD, PERIODS_END, SINCE, stale_reason, unseen_steps
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
-from monitor.views.language.catalogue import ENGLISH, Language
-from monitor.views.language.dates import full_day, moment
+from monitor.views.history import PERCENT_PER_MONTH
+from monitor.views.language.catalogue import ENGLISH, Language, full_day, moment
 from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, transitions
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
-from monitor.views.report.inspection import inspection
-from monitor.views.report.maintenance import maintenance_table
-from monitor.views.report.production import from_production
-from monitor.views.report.unwatched import unwatched
-from monitor.views.units import PERCENT_PER_MONTH
+from monitor.views.report.sections import from_production, inspection, maintenance_table, unwatched
 
 N_ = str  # marks a text for the catalogue
 CONTEXT_WORDS = {

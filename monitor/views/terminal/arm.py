@@ -1,4 +1,4 @@
-"""What the commands `status`, `alerts`, `history` and `check` print about one arm."""
+"""What the commands `status`, `alerts`, `history` and `check` print about one arm, and what is listened to in ordinary work."""
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,16 +10,93 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from monitor.identify.document import NINETY
 from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import unseen_steps
 from monitor.publish.timestamps import unix_s
 from monitor.reason import joint_name, joint_text
 from monitor.views.alert_sentence import JointPast, sentences
+from monitor.views.history import PERCENT_PER_MONTH
 from monitor.views.language.catalogue import ENGLISH
-from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, number, pair, remaining_life, standard_output, table_of
-from monitor.views.terminal.inspection import inspection_lines
-from monitor.views.terminal.local_times import local_times
-from monitor.views.units import PERCENT_PER_MONTH
+from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, local_times, number, pair, remaining_life, standard_output, table_of
+
+NEWEST = 3  # stops that are printed
+
+
+def inspection_lines(found: Mapping[str, Any] | None) -> list[str]:
+    """Operating hours, stops and checks, as lines; none where [inspection] asks for nothing."""
+    if not found:
+        return []
+    if found["counted_since"] is None:
+        lines = ["operating hours and stops: the arm was not heard yet"]
+    else:
+        lines = [
+            f"operating hours {found['operating_h']:.1f} h; since {found['counted_since'][:10]} heard {found['heard_h']:.1f} h, "
+            f"on {found['on_h']:.1f} h, in motion {found['moving_h']:.1f} h",
+            f"stops of the safety system: {found['stops']}, in the last 28 days {found['stops_28_days']}",
+        ]
+    lines += [f"  {stop['at']}  {stop_words(stop)}" for stop in found["last_stops"][:NEWEST]]
+    return [*lines, *(f"check {_item(item)}" for item in found["items"])]
+
+
+def stop_words(stop: Mapping[str, Any]) -> str:
+    """A stop in words: its kind, and what the controller told."""
+    told = [joint_text(stop["joint"])] if stop["joint"] is not None else []
+    told += [stop["code"]] if stop["code"] else []
+    told += ["during a replay"] if stop["during_replay"] else []
+    told += ["it stands"] if stop["ended_at"] is None else []
+    return f"{stop['kind'].replace('_', ' ')}{': ' if told else ''}{', '.join(told)}"
+
+
+def _item(item: Mapping[str, Any]) -> str:
+    """One check in words."""
+    if item["state"] == "unrecorded":
+        return f"{item['name']}: due, nobody has recorded when it was done last"
+    since = f"; {item['stops_since']} stops since" if item["after_collision"] and item["stops_since"] else ""
+    by = f" by {item['last_by']}" if item["last_by"] else ""
+    last = f"last done {item['last_done'][:10]}{by}{since}"
+    if item["due"] is None:
+        return f"{item['name']}: {last}; its hours are not known yet"
+    what = {"due": "DUE since", "soon": "due soon,", "done": "due"}[item["state"]]
+    hours = "" if item["hours_left"] is None else f", {item['hours_left']:.0f} h left"
+    return f"{item['name']}: {what} {item['due'][:10]}{hours}; {last}"
+
+
+# --- What the command `listen` prints -------------------------------------------------------------------
+
+
+def print_listened(document: dict[str, Any]) -> None:
+    """Print what recordings of production tell: each file, friction of every joint, what was left out, and what they cannot tell."""
+    console = standard_output(120)
+    for file in document["files"]:
+        size = f"{file['duration_s']:.0f} s at {number(file['rate_hz'], '.0f')} Hz, {file['counted_s']:.0f} s of motion counted"
+        console.print(f"{escape(file['file'])}: {size}", highlight=False)
+    seen = max(document["seen_s"], 1e-9)
+    for cause, seconds in sorted(document["left_out_s"].items(), key=lambda each: -each[1]):
+        console.print(f"  left out {100 * seconds / seen:.1f} %, {seconds:.0f} s: {document['causes'][cause]} ({cause})", highlight=False)
+    speed = document["reference_speed_rad_s"]
+    titles = ["joint", f"F({speed:g} rad/s), 90 % [Nm]", "replay [Nm]", "change", "T [°C]", "speed [rad/s]", "moved [s]", "held/needed"]
+    table = table_of(titles)
+    for joint, change, replay in zip(document["joints"], document["changes"], document["replay"]["friction_nm"], strict=True):
+        known = joint["friction_nm"] is not None
+        table.add_row(
+            str(joint["joint"]),
+            f"{joint['friction_nm']:.2f} ± {NINETY * joint['deviation_nm']:.2f}" if known else "–",
+            number(replay, ".2f"),
+            "–" if change["change"] is None else f"{100 * change['change']:+.1f} %{'' if change['clear'] else ' (not clear)'}",
+            number(joint["temperature_c"], ".1f"),
+            number(joint["speed_rad_s"], ".2f"),
+            number(joint["moving_s"], ".0f"),
+            number(joint["share"], ".2g"),
+        )
+    console.print(table)
+    for reason in document["reasons"]:
+        console.print(reason, highlight=False, markup=False)
+    for warning in document["warnings"]:
+        console.print(f"[yellow]{warning['code']}[/]: {escape(warning['text'])}", highlight=False)
+
+
+# --- What the commands `status`, `alerts`, `history` and `check` print about one arm --------------------
 
 
 def print_alerts(alerts: list[dict[str, Any]], zone: tzinfo = UTC) -> None:

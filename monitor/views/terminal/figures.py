@@ -1,7 +1,10 @@
 """How figures look on a terminal: numbers with their standard deviation, percentages, colours of states and tiers, tables."""
 
+import re
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime, tzinfo
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -56,3 +59,23 @@ def remaining_life(life: dict[str, float | None] | None) -> str:
     if not life or life.get("p50_days") is None:
         return "no trend"
     return f"{life['p50_days']:.0f} d ({number(life.get('p10_days'), '.0f')}–{number(life.get('p90_days'), '.0f')})"
+
+
+# --- Times of documents, which are UTC, in the time zone of the schedule, for a person ------------------
+
+_STAMP = re.compile(r"\b(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.\d+)?Z")
+
+
+def local_times(document: Any, zone: tzinfo) -> Any:
+    """The same document with every time of its texts in the zone, e.g. 2026-11-22 04:00:00 CET; unchanged where the zone is UTC."""
+    if str(zone) == "UTC":
+        return document
+    if isinstance(document, dict):
+        return {key: local_times(value, zone) for key, value in document.items()}
+    if isinstance(document, list):
+        return [local_times(value, zone) for value in document]
+    return _STAMP.sub(lambda match: _local(match[1], zone), document) if isinstance(document, str) else document
+
+
+def _local(stamp: str, zone: tzinfo) -> str:
+    return datetime.fromisoformat(stamp).replace(tzinfo=UTC).astimezone(zone).strftime("%Y-%m-%d %H:%M:%S %Z")

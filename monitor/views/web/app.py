@@ -26,8 +26,7 @@ from monitor.errors import BadInput, StoreError
 from monitor.views.language.catalogue import Language
 from monitor.views.web.access import PageAccess
 from monitor.views.web.page_content import PageContent
-from monitor.views.web.told import Told
-from monitor.views.web.worded import Worded, with_headers
+from monitor.views.web.worded import Told, Worded, with_headers
 
 STATIC = {
     "page.css": "text/css",

@@ -18,9 +18,8 @@ from monitor.errors import BadInput
 from monitor.publish.timestamps import rfc3339, unix_s
 from monitor.reason import with_reasons
 from monitor.store.store import Store
-from monitor.views.marks import Mark, mark_text, marks
+from monitor.views.history import Mark, mark_text, marks, runs
 from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, BusAccess, columns, thinned
-from monitor.views.windows import runs
 
 log = logging.getLogger(__name__)
 

@@ -1,8 +1,17 @@
-"""What the page of one arm shows, as a Protocol: the daemon fills it from its store, a plant from its database. With the history's form."""
+"""What the page of one arm shows, as a Protocol: the daemon fills it from its store, a plant from its database. With what it reads once."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
+
+import numpy as np
+
+from monitor.judge.alerts.conditions import CONDITIONS
+from monitor.judge.alerts.health import HealthSettings
+from monitor.judge.alerts.remaining_life import PrognosisSettings
+from monitor.model.robot import Mounting, Robot
+from monitor.reason import joint_name
+from monitor.views.language.catalogue import LANGUAGES
 
 MAX_REPLAYS = 400  # in a joint's line; more would be less than three pixels apart
 NEWEST_REPLAYS = 60  # all of them are shown, as a change shows there first
@@ -80,3 +89,38 @@ def columns(rows: Sequence[tuple[int, int, float, dict[str, Any]]]) -> dict[str,
             value = document.get(name)
             own[name][at[replay]] = None if value is None else float(f"{value:.{DIGITS}g}")
     return {"t": times, "joints": {str(joint): joints[joint] for joint in sorted(joints)}}
+
+
+# --- What the page of one arm reads once: its names, the alert levels and conditions, and the geometry of the arm ---
+
+SHOWN = ("site", "id", "model", "mounting", "payload_kg", "tool")  # keys of [robot]
+
+
+def about_arm(
+    robot: Mapping[str, Any], key_prefix: str, arm: Robot, mounting: Mounting, health: HealthSettings, prognosis: PrognosisSettings
+) -> dict[str, Any]:
+    """The document. robot : the section [robot] of the arm's configuration."""
+    return {
+        "robot": {name: robot[name] for name in SHOWN},
+        "key_prefix": key_prefix,
+        "joints": [joint_name(j + 1) for j in range(arm.joints)],
+        "languages": LANGUAGES,
+        "levels": [
+            {"name": "wear tier", "rise": health.wear_rise, "state": "MAINTENANCE_REQUIRED"},
+            {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
+        ],
+        "conditions": {
+            name: {"states": {tier: of.state for tier, of in condition.tiers.items()}, "probability_of": condition.probability_of}
+            for name, condition in CONDITIONS.items()
+        },
+        "life": {"limit_rise": prognosis.limit_rise, "service_days": prognosis.service_days},
+        "arm": {
+            "links": list(arm.link_names),
+            "a_m": arm.a_m.tolist(),
+            "d_m": arm.d_m.tolist(),
+            "alpha_rad": arm.alpha_rad.tolist(),
+            "zero_rad": arm.zero_rad.tolist(),
+            "base": np.round(mounting.rotation @ arm.base_rotation, 12).tolist(),
+            "max_torque_nm": arm.max_torque_nm.tolist(),
+        },
+    }

@@ -1,10 +1,51 @@
-"""What happened to an arm that its charts must show: work on a joint, another tool, another payload."""
+"""What happened to an arm: windows that ended alike put together, and what its charts must mark (work, another tool, another payload)."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
+from monitor.errors import DOES_NOT_HOLD
 from monitor.judge.alerts.life_cycle import SERVICED
+from monitor.reason import FREE, Reason
+
+
+class Ended(Protocol):
+    """A window that has ended, or has not."""
+
+    @property
+    def state(self) -> str:
+        """How it ended."""
+
+    @property
+    def reason(self) -> Reason | None:
+        """Why."""
+
+
+Window = TypeVar("Window", bound=Ended)
+
+
+def cause(reason: Reason | None) -> str:
+    """What a window ended by: the condition that a refusal names, else the code of its reason; of a free text the whole."""
+    if reason is None:
+        return ""
+    if reason.code == DOES_NOT_HOLD.code:
+        return str(reason.parameters["condition"])
+    return reason.text if reason.code == FREE else reason.code
+
+
+def runs(windows: Sequence[Window]) -> list[list[Window]]:
+    """The windows in their order, those that ended alike one after another together."""
+    found: list[list[Window]] = []
+    for window in windows:
+        before = found[-1][-1] if found else None
+        if before is not None and (before.state, cause(before.reason)) == (window.state, cause(window.reason)):
+            found[-1].append(window)
+        else:
+            found.append([window])
+    return found
+
+
+# --- What happened to an arm that its charts must show: work on a joint, another tool, another payload ---
 
 N_ = str  # marks a text for the catalogue
 PRODUCTION = {
@@ -73,3 +114,8 @@ def _replaced(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[int]:
     if not before or not after:
         return []
     return [j + 1 for j, (one, other) in enumerate(zip(before, after, strict=False)) if one != other]
+
+
+# --- Factors between the units of documents and those that a person reads -------------------------------
+
+PERCENT_PER_MONTH = 100 * 30  # times a fraction a day gives per cent a month of 30 days
