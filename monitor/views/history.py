@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from monitor.errors import DOES_NOT_HOLD
 from monitor.judge.alerts.life_cycle import SERVICED
 from monitor.reason import FREE, Reason
 
@@ -25,11 +24,12 @@ Window = TypeVar("Window", bound=Ended)
 
 
 def cause(reason: Reason | None) -> str:
-    """What a window ended by: the condition that a refusal names, else the code of its reason; of a free text the whole."""
+    """What a window ended by: the condition or the cause that its reason names, else its code; of a free text the whole."""
     if reason is None:
         return ""
-    if reason.code == DOES_NOT_HOLD.code:
-        return str(reason.parameters["condition"])
+    named = reason.parameters.get("condition") or reason.parameters.get("cause")
+    if isinstance(named, str):
+        return named
     return reason.text if reason.code == FREE else reason.code
 
 

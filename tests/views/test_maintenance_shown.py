@@ -1,5 +1,8 @@
 """Work on joints as people see it: marks of the charts, and the table of the report."""
 
+from monitor.judge.alerts.life_cycle import SERVICED
+from monitor.judge.drift.maintenance import OUTCOMES
+from monitor.reason import with_reasons
 from monitor.views.history import mark_text, marks
 from monitor.views.language.catalogue import ENGLISH
 from monitor.views.report.sections import maintenance_table
@@ -27,7 +30,7 @@ def test_production_is_a_mark_on_the_chart_of_its_joint_and_says_whether_frictio
 def test_a_transition_that_production_made_says_what_was_done():
     """Another transition says nothing of work, also where the alert had work before."""
     assert mark_text({"kind": "serviced", "serviced_kind": "greased"}) == "greased"
-    assert mark_text({"kind": "cleared", "serviced_kind": "replaced", "cleared_why": "serviced: Elbow …"}) == "replaced"
+    assert mark_text({"kind": "cleared", "serviced_kind": "replaced", "reasons": {"cleared_why": SERVICED(work="").coded()}}) == "replaced"
     assert mark_text({"kind": "updated", "serviced_kind": "greased"}) is None
     assert mark_text({"kind": "raised"}) is None
 
@@ -35,7 +38,7 @@ def test_a_transition_that_production_made_says_what_was_done():
 def test_the_report_has_a_table_of_production_with_what_it_meant_and_who_took_it_back():
     """Text of people is text, never markup."""
     told = {"joint": 3, "kind": "greased", "at": "2026-05-02T08:00:00Z", "by": "Ada", "why": "<b>dark</b>", "undone_at": None}
-    told["text"] = "Elbow (joint 3) was greased on 2026-05-02 (Ada: <b>dark</b>). Friction counts from this level now."
+    told |= with_reasons({}, meaning=OUTCOMES["new_reference"]())
     undone = {**told, "undone_at": "2026-05-03T08:00:00Z", "undone_by": "Bob"}
     html = "".join(maintenance_table({"maintenance": [told, undone]}, ENGLISH))
     assert "Friction counts from this level now." in html

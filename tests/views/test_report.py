@@ -9,9 +9,12 @@ import pytest
 from lived_monitor import DAY_S, FIRST_UNIX_S, ONSET, PER_DAY, WEARING, configuration, identified, live_through
 from typer.testing import CliRunner
 
+from monitor.acquire.ending import CAUSED
+from monitor.acquire.safety.of_state import FARTHEST_JOINT
 from monitor.cli.main import app
-from monitor.errors import BadInput
+from monitor.errors import DOES_NOT_HOLD, BadInput
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import reason_of, with_reasons
 from monitor.service.history.report import report
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
@@ -252,17 +255,17 @@ def test_windows_that_ended_alike_are_one_line_the_gravest_first(lived):
     """Of 219 windows that were refused for three causes, the table has a line each, with how many and from when to when."""
     whole = report_of(lived) | {"history": []}
     at = [rfc3339(FIRST_UNIX_S + k * DAY_S / 8) for k in range(219)]
-    reason = "approach_near: Wrist 3 (joint 6) is {far:.3f} rad from the start"
-    failed = [{"replay": k, "window": at[k], "state": "skipped", "reason": reason.format(far=2 + k / 1000)} for k in range(210)]
-    failed += [{"replay": k, "window": at[k], "state": "skipped", "reason": "no permission: the door is open"} for k in range(210, 218)]
-    failed.append({"replay": 218, "window": at[218], "state": "aborted", "reason": "protective_stop: safety mode 3"})
+    reasons = [DOES_NOT_HOLD(condition="approach_near", why=FARTHEST_JOINT(joint=6, far_rad=2 + k / 1000)) for k in range(210)]
+    reasons += [reason_of("no permission: the door is open")] * 8 + [CAUSED(cause="protective_stop", why="safety mode 3")]
+    states = ["skipped"] * 218 + ["aborted"]
+    failed = [with_reasons({"replay": k, "window": at[k], "state": states[k]}, reason=reason) for k, reason in enumerate(reasons)]
     assert [(group.state, group.cause, len(group.windows)) for group in groups(failed)] == [
         ("aborted", "protective_stop", 1),
         ("skipped", "approach_near", 210),
-        ("skipped", "no permission", 8),
+        ("skipped", "no permission: the door is open", 8),
     ]
     text = report_page([whole | {"unwatched": whole["unwatched"] | {"failed": failed}}])
-    assert text.count("rad from the start") == 1
+    assert text.count("has farthest to go") == 1
     assert "210 ×" in text
     assert "1 June – 27 June" in text
 
