@@ -1,5 +1,6 @@
 """Which motions the conditions refuse, and with which words."""
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -21,6 +22,7 @@ from monitor.acquire.ur.driver import understood
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot
+from monitor.reason import reason_from
 from monitor.recording import Context
 
 NOON = 1_767_614_400.0  # 2026-01-05 12:00 UTC
@@ -354,3 +356,15 @@ def test_an_invalid_window_or_permit_is_refused(wrong):
     """The message says what would be right."""
     with pytest.raises(BadInput, match="expected"):
         replace(SIMULATED, **wrong)
+
+
+def test_a_refused_motion_carries_its_condition_and_what_was_found_as_codes():
+    """Nobody parses the sentence, also on the other side of a pipe."""
+    with pytest.raises(MotionRefused) as refused:
+        guard.check_state(inputs(ready_state(robot_mode=3)))
+    assert refused.value.condition == "robot_mode"
+    why = refused.value.reason.parameters["why"]
+    assert (why.code, why.parameters["mode"], why.parameters["name"]) == ("robot_mode_not_running", 3, "power off")
+    told = reason_from(json.loads(json.dumps(refused.value.reason.document())))
+    assert told.text == str(refused.value)
+    assert told.parameters["why"].code == why.code
