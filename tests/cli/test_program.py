@@ -1,8 +1,10 @@
 """The program as a person runs it: answers on standard output, mistakes as one sentence and exit code 2."""
 
 import json
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -102,4 +104,17 @@ def test_before_the_first_run_the_commands_say_what_is_missing(tmp_path: Path, f
     ):
         done = ended(*arguments)
         assert (done.returncode, message in done.stderr) == (code, True), done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_a_history_of_before_1_0_ends_run_with_78_and_other_commands_with_2(tmp_path: Path):
+    """Starting again would change nothing, so the service manager does not; the sentence says what to do."""
+    (tmp_path / "cell.toml").write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "a"\n[store]\ndirectory = "history"\n')
+    (tmp_path / "history").mkdir()
+    with closing(sqlite3.connect(tmp_path / "history" / "history.sqlite")) as connection:
+        connection.executescript("CREATE TABLE ledger (id INTEGER PRIMARY KEY); PRAGMA user_version = 10")
+    for command, code in (("run", 78), ("status", 2), ("history", 2)):
+        done = ended(command, "--config", str(tmp_path / "cell.toml"))
+        assert done.returncode == code, done.stderr
+        assert "written by a joint-monitor before 1.0 (schema 10)" in done.stderr
         assert "Traceback" not in done.stderr
