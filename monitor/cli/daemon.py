@@ -124,7 +124,7 @@ def watch(
 
 
 def _tell_alive() -> "Callable[[bool], None]":
-    """Says when nothing more may come for a long time, and why: beside what the programs behind standard output read."""
+    """Says when nothing more may come for a long time, and why: on standard error, where no program reads it."""
     gone = False
 
     def tell(alive: bool) -> None:

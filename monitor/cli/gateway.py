@@ -1,4 +1,4 @@
-"""The command `gateway …`: what the plant knows, told to people and to other systems."""
+"""The command `gateway …`, which reports what the plant knows to people and to other systems."""
 
 import logging
 from collections.abc import Callable
@@ -50,7 +50,7 @@ def check(
         for finding in found:
             typer.echo(f"{finding.channel}: {finding.step}: {'' if finding.ok else 'FAILED: '}{finding.text}")
         if not configuration.enabled:
-            typer.echo(f"no channel is configured in {configuration.path or 'any file'}: nobody is told of anything")
+            typer.echo(f"no channel is configured in {configuration.path or 'any file'}: nobody is notified")
     raise typer.Exit(0 if configuration.enabled and all(finding.ok for finding in found) else 3)
 
 

@@ -191,7 +191,7 @@ def query(
     csv: Annotated[bool, typer.Option("--csv", help="Comma-separated, with a header.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask histories and recordings in SQL (DuckDB); reads alone, beside a running daemon."""
+    """Ask histories and recordings in SQL (DuckDB); reads only, also while a daemon runs."""
     from monitor.service.history.query import ask, plain, unique
     from monitor.views.terminal.progress import status as status_line
 

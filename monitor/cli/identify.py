@@ -193,7 +193,7 @@ def energy(
     payload: Annotated[float | None, typer.Option(help="Payload in the hand [kg]; else the trajectory's recording says.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Kinetic energy along a trajectory, with its uncertainty, beside limits. For a risk assessment: not a safety function."""
+    """Kinetic energy along a trajectory, with its uncertainty, compared with limits. For a risk assessment: not a safety function."""
     from monitor.identify.energy import EnergyPath, energy_along, path_of_excitation, path_of_recording
     from monitor.model.energy import BodyRegion
     from monitor.model.robot import Mounting
@@ -223,7 +223,7 @@ def energy(
 
 
 def listen(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings of work, of one arm.", show_default=False)],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Recordings of production, of one arm.", show_default=False)],
     rigid: Annotated[
         Path | None, typer.Option(help="The replay before: its recording, or its identify --json.", show_default=False)
     ] = None,
@@ -240,7 +240,7 @@ def listen(
     ] = 0.05,
     as_json: JsonOption = False,
 ) -> None:
-    """What recordings of ordinary work tell of friction, and what they cannot tell. Nothing moves."""
+    """Friction from recordings of production, and which joints they do not show. Nothing moves."""
     from monitor.identify.production.arm import ProductionSettings
     from monitor.model.robot import Mounting, load_robot
     from monitor.store import identify_files

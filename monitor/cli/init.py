@@ -170,10 +170,10 @@ def _arm(given: Options, ask: Questions, found: "Survey", address: str) -> dict[
     mass = ask.answer("--payload", given.payload, "Payload as set in the controller [kg]", found.payload_kg or 0.0, number_from(0.0, 100.0))
     cog: tuple[float, ...] = ()
     if mass or given.payload_cog is not None:
-        told = listed(found.payload_cog_m)
-        cog = ask.answer("--payload-cog", given.payload_cog, "Its centre X,Y,Z [m] (- not compared)", told, numbers(3, "coordinates"))
-    told = listed(found.tcp_offset(robot))
-    tcp = ask.answer("--tcp-offset", given.tcp_offset, "Tool centre point X,Y,Z,RX,RY,RZ (- not compared)", told, numbers(6, "figures"))
+        known = listed(found.payload_cog_m)
+        cog = ask.answer("--payload-cog", given.payload_cog, "Its centre X,Y,Z [m] (- not compared)", known, numbers(3, "coordinates"))
+    known = listed(found.tcp_offset(robot))
+    tcp = ask.answer("--tcp-offset", given.tcp_offset, "Tool centre point X,Y,Z,RX,RY,RZ (- not compared)", known, numbers(6, "figures"))
     question = "Speed limit in the safety settings [m/s] (0: not checked)"
     limit = ask.answer("--tcp-speed-limit", given.tcp_speed_limit, question, 0.0, number_from(0.0, 10.0))
     tool = ask.answer("--tool", given.tool, "Tool, in your words", "none", text_of())
@@ -338,7 +338,7 @@ def _own_zone() -> str:
 
 
 def _store(path: Path, arm_id: str) -> str:
-    """Where the history goes: beside the service's other histories, else beside the file."""
+    """Where the history goes: to the service's other histories, else to the folder of the file."""
     return str(HISTORIES / arm_id) if path.resolve().parent == FOR_ALL else f"var/{arm_id}"
 
 

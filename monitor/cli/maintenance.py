@@ -61,7 +61,7 @@ def serviced(
     replaced: Annotated[bool, typer.Option("--replaced", help="Another joint is in its place: everything is learnt anew.")] = False,
     greased: Annotated[bool, typer.Option("--greased", help="Friction may have moved either way: the next replays show it.")] = False,
     overhauled: Annotated[bool, typer.Option("--overhauled", help="Likewise: gears, bearings, seals or brake.")] = False,
-    undo: Annotated[bool, typer.Option("--undo", help="The last declared work on this joint was a mistake.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="The last declared maintenance of this joint was a mistake.")] = False,
     at: Annotated[str | None, typer.Option("--at", help="When it was done: a date, or a time; else now.", show_default=False)] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -84,7 +84,7 @@ def serviced(
         configuration,
         lambda now_unix_s: offline(configuration, request, now_unix_s),
         lambda client: _asked(client, request),
-        ", so there is nothing that work could change; the first replay begins it",
+        ", so there is nothing that maintenance could change; the first replay begins it",
     )
     if as_json:
         print_json(answer)

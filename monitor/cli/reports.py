@@ -20,7 +20,7 @@ def reproduce(
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """The paper's tables and figures on the simulated arms, beside the paper's own. Exit 1: something that must agree does not."""
+    """The paper's tables and figures on the simulated arms, compared with the paper's own. Exit 1: something that must agree does not."""
     from monitor.studies.paper.campaign import CampaignSettings
     from monitor.studies.paper.reproduce import reproduce as play
     from monitor.views.terminal.progress import campaign_progress

@@ -32,7 +32,8 @@ def simulate(
         str | None, typer.Option(help="The program in a protective stop: paused (the default), stopped or playing.", show_default=False)
     ] = None,
     personality: Annotated[
-        str | None, typer.Option(help="Values beside the motion: ideal (the default), or recorded as from real arms.", show_default=False)
+        str | None,
+        typer.Option(help="Values other than the motion: ideal (the default), or recorded as from real arms.", show_default=False),
     ] = None,
     control_script: Annotated[
         str | None, typer.Option(help="ur-rtde's script: modelled (the default), or executed line by line.", show_default=False)
@@ -167,7 +168,9 @@ def simulate_production(
         print_json({"file": str(output), "rows": recording.rows, "cycles": recording.cycles, "protective_stops": len(recording.stops)})
         return
     stops = f", {len(recording.stops)} protective stops" if recording.stops else ""
-    typer.echo(f"{output}: {cell} at {speed:g} %, {days * hours:g} h of work, {recording.cycles} cycles{stops}, {recording.rows} rows")
+    typer.echo(
+        f"{output}: {cell} at {speed:g} %, {days * hours:g} h of production, {recording.cycles} cycles{stops}, {recording.rows} rows"
+    )
 
 
 def demo(
@@ -198,7 +201,7 @@ def try_it(
     seed: Annotated[int, typer.Option(help="Of the simulated arm.")] = 0,
     keep: Annotated[Path | None, typer.Option(help="Keep history and configuration in this folder.", show_default=False)] = None,
 ) -> None:
-    """Months in minutes: the real daemon with page and alerts, beside a simulated arm that wears. Nothing real moves."""
+    """Months in minutes: the real daemon with page and alerts, with a simulated arm that wears. Nothing real moves."""
     from monitor.simulate.scenario import load_scenario
     from monitor.studies.trial import Trial, play
 

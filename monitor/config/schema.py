@@ -39,7 +39,7 @@ class RobotSettings:
     tool: str = "none"
     serial: str | None = None
     joint_serials: tuple[str, ...] = ()  # base to wrist, as on the type plates; a changed one means a new joint without wear
-    maintenance: str = ""  # the last work that may have changed friction, as text; with another text friction may have moved
+    maintenance: str = ""  # the last maintenance that may have changed friction, as text; with another text friction may have moved
     gains_nm_per_a: tuple[float, ...] = ()  # [N·m/A] joint torque per ampere; empty: the published torque constants
     payload_cog_m: tuple[float, ...] = ()  # [m] as set in the controller; empty: it is not compared
     tcp_offset: tuple[float, ...] = ()  # [m, m, m, rad, rad, rad] as set in the controller; empty: it is not compared

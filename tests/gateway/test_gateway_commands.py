@@ -142,7 +142,7 @@ def test_a_wrong_configuration_ends_with_78_and_so_does_one_without_a_channel(tm
     for words in (("run",), ("run", "--only-check"), ("--only-check",)):
         code, printed = asked(*words, "--config", path)
         assert (code, "no channel is configured; expected one of [notify], [tickets]" in printed) == (78, True)
-    assert asked("check", "--config", path) == (3, f"no channel is configured in {path}: nobody is told of anything\n")
+    assert asked("check", "--config", path) == (3, f"no channel is configured in {path}: nobody is notified\n")
     path.write_text('[mqtt]\nhost = "broker.plant.example"\n')
     assert asked("run", "--config", path, "--only-check") == (0, f"{path} is right; channels: mqtt\n")
 
