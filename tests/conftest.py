@@ -35,7 +35,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.path in moving:
             item.add_marker(pytest.mark.xdist_group(f"arm {0 if soak else moving.index(item.path) % arms}"))
         elif item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(str(item.path)))
+            item.add_marker(pytest.mark.xdist_group(item.path.stem))
         if not soak and (item.path in moving or item.path.parent.name in ON_THE_WIRE):
             item.add_marker(pytest.mark.flaky(reruns=2 if item.path in moving else 1, reruns_delay=2))
 

@@ -68,6 +68,7 @@ def test_a_series_gives_the_daemons_verdicts(recordings):
     assert set(document) >= {"health", "alerts", "temperature", "friction", "contexts", "warnings"}
 
 
+@pytest.mark.slow
 def test_assess_prints_one_object(recordings):
     """The command runs from a shell, and times are in RFC 3339."""
     done = run("assess", "--robot", "ur5", "--json", *map(str, recordings))
