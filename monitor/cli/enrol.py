@@ -57,8 +57,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Tell which arm lacks what: its configuration, its certificate, and what its monitor says. Exit 3: some arm lacks something."""
-    from monitor.plant.enrol.ask import ask_all
-    from monitor.plant.enrol.check import joined, lacks_of_files, lacks_on_bus
+    from monitor.plant.enrol.check import ask_all, joined, lacks_of_files, lacks_on_bus
 
     plant = _plant(inventory, router, core)
     now = datetime.now(UTC)

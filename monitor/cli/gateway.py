@@ -40,7 +40,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Tell how far each channel gets: name, TCP, TLS, authentication, authorisation. Exit 3: one gets nowhere, or none is configured."""
-    from monitor.gateway.check import check_all
+    from monitor.gateway.settings import check_all
 
     configuration = _loaded(config)
     found = check_all(configuration, send=send)

@@ -214,7 +214,7 @@ def _gateway_reach(configuration: "Configuration") -> dict[str, Any] | None:
     path = default_path(configuration.path.parent)
     if path is None:
         return None
-    from monitor.gateway.check import check_file  # with the plant's database: 0.3 s
+    from monitor.gateway.settings import check_file  # with the plant's database: 0.3 s
 
     found = check_file(path)
     return None if found is None else {"file": str(found[0]), "findings": [finding._asdict() for finding in found[1]]}

@@ -179,7 +179,7 @@ def user(
 ) -> None:
     """Let a person use the screen: writes a line of the users' file, and shows the token, once. Again: a new role and token."""
     from monitor.plant.screen.people import new_user, role_named
-    from monitor.plant.screen.users_file import put_user, take_user_out
+    from monitor.plant.screen.settings import put_user, take_user_out
 
     configuration = loaded_plant(config)
     path = configuration.screen.users_path(configuration.folder)

@@ -1,12 +1,10 @@
-"""What a channel of the gateway is: one way to tell others what the plant knows. A further one is an entry of `channels.CHANNELS`."""
+"""What a channel of the gateway is: one way to tell others what the plant knows. A further one is an entry of `settings.CHANNELS`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
-from monitor.errors import BadConfiguration
-from monitor.gateway.acts import Acts
+from monitor.gateway.commands import Commands
 from monitor.gateway.outbox import Outbox
 from monitor.gateway.values import ArmState, Delivery, Transition
 from monitor.plant.links import ArmName
@@ -46,31 +44,6 @@ class Surroundings:
     outbox: Outbox
     arms: Callable[[], Mapping[ArmName, ArmState]]  # as they were heard last
     transitions: Callable[[float, float], list[Transition]]  # of all arms between two times, the oldest first
-    acts: Acts
+    commands: Commands
     now: Callable[[], float]
     scrub: Callable[[str], str]  # a text without any secret in it
-
-
-class Finding(NamedTuple):
-    """One line of `gateway check`: how far a channel gets."""
-
-    channel: str
-    step: str  # settings, name, tcp, tls, authentication, authorisation, …
-    ok: bool
-    text: str  # what was found, and what to do
-
-
-class Kind(NamedTuple):
-    """A kind of channels: their section of the file, and how they are made. The functions import what is heavy when they are called."""
-
-    section: str
-    enabled: Callable[[Any], bool]  # of the section's settings
-    make: Callable[[Any, Surroundings], Sequence[Channel]]
-    check: Callable[[Any, PlantConfiguration], Sequence[Finding]]  # from outside of the service; no message is sent
-    owes: bool = False  # whether transitions become deliveries; else a channel shows states, and several gateways may
-
-
-def needs(module: str, what: str) -> None:
-    """Raises BadConfiguration that says what to install where a package of another project is absent."""
-    if find_spec(module) is None:
-        raise BadConfiguration(f"{what} need the package {module}: pip install 'joint-monitor[gateway]'")

@@ -14,16 +14,13 @@ from contextlib import ExitStack
 
 from monitor import __version__
 from monitor.errors import BadConfiguration, BadInput, MonitorError, StoreUnavailable
-from monitor.gateway.acts import Acts
-from monitor.gateway.alone import Alone
-from monitor.gateway.already import already_active
 from monitor.gateway.channel import Channel, Surroundings
-from monitor.gateway.channels import CHANNELS
-from monitor.gateway.outbox import PASSED_OVER_S, Outbox
+from monitor.gateway.commands import Commands
+from monitor.gateway.outbox import PASSED_OVER_S, GatewayLock, Outbox
 from monitor.gateway.settings import GatewayConfiguration
 from monitor.gateway.silence import SILENCES, PlantWatch, changed_silences
 from monitor.gateway.source import Source
-from monitor.gateway.values import RAISED, ArmState, Transition
+from monitor.gateway.values import RAISED, ArmState, Transition, already_active
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.ingest import set_note
 from monitor.plant.links import ArmName
@@ -141,8 +138,8 @@ class Gateway:
         self._stack.callback(self.database.close)
         self.outbox, self.source = Outbox(self.database, now), Source(self.database)
         plant = configuration.plant
-        self.acts = Acts(self.database, plant.plant.connect, plant.zenoh_file, now)
-        self._stack.callback(self.acts.close)
+        self.commands = Commands(self.database, plant.plant.connect, plant.zenoh_file, now)
+        self._stack.callback(self.commands.close)
         self.heartbeats = Heartbeats()
         self.permitted = threading.Event()  # while the database answers, and no other gateway works with it
         self._surroundings = Surroundings(
@@ -152,12 +149,12 @@ class Gateway:
             outbox=self.outbox,
             arms=self.source.arms,
             transitions=self.source.between,
-            acts=self.acts,
+            commands=self.commands,
             now=now,
             scrub=configuration.scrub,
         )
-        self._alone = Alone(self.database)
-        self._stack.callback(self._alone.release)
+        self._gateway_lock = GatewayLock(self.database)
+        self._stack.callback(self._gateway_lock.release)
         self.workers: list[Worker] = []
         self._silent_s = configuration.gateway.silent_hours * 3600.0
         self._plant_watch = PlantWatch(configuration.gateway.plant_silent_minutes * 60.0)
@@ -208,7 +205,7 @@ class Gateway:
                 self._take()
             if time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
                 if self._owes:
-                    self._alone.take()
+                    self._gateway_lock.take()
                 self._heartbeat()
             self.permitted.set()
         except StoreUnavailable as error:
@@ -229,7 +226,7 @@ class Gateway:
         self.database.forget()
         self.database.migrate()
         if self._owes:
-            self._alone.take()
+            self._gateway_lock.take()
             self._not_before_unix_s = float(int(self.outbox.began_unix_s()))
             self._already = self.outbox.already_told()
             self._plant_watch.rest()
@@ -317,11 +314,7 @@ def _configured(configuration: GatewayConfiguration) -> Sequence[tuple[Make, boo
     def maker(kind_make: Callable[..., Sequence[Channel]], settings: object) -> Make:
         return lambda surroundings: kind_make(settings, surroundings)
 
-    return [
-        (maker(kind.make, configuration.sections[kind.section]), not kind.owes)
-        for kind in CHANNELS
-        if kind.enabled(configuration.sections[kind.section])
-    ]
+    return [(maker(kind.make, configuration.sections[kind.section]), not kind.owes) for kind in configuration.kinds]
 
 
 def serve(configuration: GatewayConfiguration) -> None:

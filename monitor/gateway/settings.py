@@ -1,19 +1,58 @@
-"""The settings of the gateway: sections of the plant's file, all off by default. I/O."""
+"""The sections of the gateway in the plant's file, the channels that exist, and how far each gets. I/O.
+
+All channels are off by default. A further one is a settings class and an entry of `CHANNELS`.
+"""
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Interval
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.gateway.channels import CHANNELS, SECTIONS
+from monitor.gateway.channel import Channel, Surroundings
+from monitor.gateway.connection import Finding, needs
+from monitor.gateway.mqtt import broker
+from monitor.gateway.mqtt import channel as mqtt
+from monitor.gateway.notify import people
+from monitor.gateway.notify.routing import NotifySettings
+from monitor.gateway.opcua import settings as opcua
+from monitor.gateway.ros2 import channel as ros2
+from monitor.gateway.tickets import listener as tickets
+from monitor.gateway.tickets.settings import TicketSettings
 from monitor.plant.settings import OF_GATEWAY, OF_SERVICE, PlantConfiguration, PlantSettings, load_sections
 from monitor.views.language.catalogue import LANGUAGES
 
+
+class Kind(NamedTuple):
+    """A kind of channels: their section of the file, and how they are made."""
+
+    section: str
+    settings: type
+    enabled: Callable[[Any], bool]  # of the section's settings
+    make: Callable[[Any, Surroundings], Sequence[Channel]]
+    check: Callable[[Any, PlantConfiguration], Sequence[Finding]]  # from outside of the service; no message is sent
+    owes: bool = False  # whether transitions become deliveries; else a channel shows states, and several gateways may
+
+
+def _opcua(settings: opcua.OpcuaSettings, surroundings: Surroundings) -> Sequence[Channel]:
+    needs("asyncua", "opcua: a server")
+    from monitor.gateway.opcua.server import OpcuaChannel  # the library takes a second
+
+    return [OpcuaChannel(settings, surroundings)]
+
+
+CHANNELS: tuple[Kind, ...] = (
+    Kind("notify", NotifySettings, lambda settings: bool(settings.to), people.channels, people.check, owes=True),
+    Kind("tickets", TicketSettings, lambda settings: bool(settings.open_url), tickets.channels, tickets.check, owes=True),
+    Kind("mqtt", broker.MqttSettings, lambda settings: bool(settings.host), lambda *given: [mqtt.MqttChannel(*given)], broker.check),
+    Kind("opcua", opcua.OpcuaSettings, lambda settings: bool(settings.listen), _opcua, opcua.check),
+    Kind("ros2", ros2.Ros2Settings, lambda settings: bool(settings.connect), lambda *given: [ros2.Ros2Channel(*given)], ros2.check),
+)
 SHORTEST_SECRET = 4  # letters; a shorter one would black out half of a message
 
 
@@ -53,9 +92,14 @@ class GatewayConfiguration:
         return text
 
     @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """The kinds of channels that run."""
+        return tuple(kind for kind in CHANNELS if kind.enabled(self.sections[kind.section]))
+
+    @property
     def enabled(self) -> tuple[str, ...]:
         """The sections whose channels run."""
-        return tuple(kind.section for kind in CHANNELS if kind.enabled(self.sections[kind.section]))
+        return tuple(kind.section for kind in self.kinds)
 
     def expect_channel(self) -> None:
         """Raises BadConfiguration where no channel is configured: nothing would ever be told."""
@@ -66,7 +110,7 @@ class GatewayConfiguration:
     @property
     def owes(self) -> bool:
         """Whether a channel that runs makes deliveries of transitions; one gateway alone may do so with a database."""
-        return any(kind.owes for kind in CHANNELS if kind.enabled(self.sections[kind.section]))
+        return any(kind.owes for kind in self.kinds)
 
 
 def load_gateway(path: Path | None, environment: Mapping[str, str] | None = None) -> GatewayConfiguration:
@@ -74,9 +118,9 @@ def load_gateway(path: Path | None, environment: Mapping[str, str] | None = None
 
     Raises BadConfiguration that lists every mistake with its line and key.
     """
-    own = {"plant": PlantSettings, "gateway": GatewaySettings, **SECTIONS}
+    own = {"plant": PlantSettings, "gateway": GatewaySettings, **{kind.section: kind.settings for kind in CHANNELS}}
     read = load_sections(path, own, (*OF_GATEWAY, *OF_SERVICE), environment)
-    sections = {name: read.settings[name] for name in SECTIONS}
+    sections = {name: read.settings[name] for name in (kind.section for kind in CHANNELS)}
     found = {secret for settings in sections.values() for secret in _secrets(settings)} | set(read.secrets.values())
     return GatewayConfiguration(
         path=path,
@@ -103,3 +147,20 @@ def _secrets(settings: Any) -> Iterator[str]:
             yield value
         else:
             yield from _secrets(value)
+
+
+def check_file(path: Path) -> tuple[Path, list[Finding]] | None:
+    """The file of a gateway, and how far it gets. None where it has no channel."""
+    try:
+        configuration = load_gateway(path)
+        return (path, check_all(configuration)) if configuration.enabled else None
+    except BadInput as error:  # a credential of the service's that whoever calls this may not read, for example
+        return path, [Finding("gateway", "settings", False, str(error))]
+
+
+def check_all(configuration: GatewayConfiguration, *, send: bool = False) -> list[Finding]:
+    """The findings of all configured channels, without any secret in them. send : send everybody a test message, too."""
+    found = [finding for kind in configuration.kinds for finding in kind.check(configuration.sections[kind.section], configuration.plant)]
+    if send:
+        found += people.send_test(configuration.sections["notify"], configuration.plant, configuration.gateway.language, time.time)
+    return [finding._replace(text=configuration.scrub(finding.text)) for finding in found]

@@ -11,8 +11,8 @@ from monitor.gateway.outbox import DEAD, DELIVERED, OWED
 from monitor.gateway.run import RUNNING
 from monitor.gateway.silence import SILENCES
 from monitor.plant.database import Database
+from monitor.plant.status import Ticket, open_tickets
 from monitor.plant.tables import delivery, note
-from monitor.plant.tickets import Ticket, open_tickets
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
 

@@ -129,7 +129,7 @@ class Database:
             connection.close()
 
     def migrate(self) -> None:
-        """Bring the schema up to date; an empty database gets its tables. Raises StoreError where it is newer or another program's."""
+        """Make the tables of an empty database. Raises StoreError where it is of another version or program."""
         if self._file is not None:
             try:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -145,7 +145,8 @@ class Database:
                 connection.execute(sa.text("SELECT pg_advisory_xact_lock(:key)"), {"key": 7_447_026})
             present = MigrationContext.configure(connection).get_current_revision()
             if present is not None and present not in {script.revision for script in scripts.walk_revisions()}:
-                raise StoreError(f"{self.name}: written by a newer joint-monitor (schema {present}); install that one here")
+                what = f"{self.name}: has the schema {present} of another version of joint-monitor"
+                raise StoreError(f"{what}; install that one, or begin with an empty database")
             if present is None and (others := sa.inspect(connection).get_table_names()):
                 raise StoreError(
                     f"{self.name}: holds another program's tables ({', '.join(sorted(others)[:3])}); expected a database of its own"

@@ -9,12 +9,11 @@ import orjson
 import sqlalchemy as sa
 
 from monitor.errors import StoreError
-from monitor.plant.arms import DOUBLED, Arm
-from monitor.plant.copying import Copying
+from monitor.plant.arm import DOUBLED, Arm
 from monitor.plant.database import Database, DataRefused
 from monitor.plant.ingest import enter, keep_last_values, set_arms
 from monitor.plant.links import ArmName, Inbox, Link
-from monitor.plant.pull import read_document
+from monitor.plant.pull import Copying, read_document
 from monitor.plant.tables import arm as arm_table
 from monitor.plant.tables import history
 

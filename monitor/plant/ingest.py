@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
+from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
-from monitor.plant.merge import Cursor, Entry
 from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, arm, audit, friction, history, last_value, note, transition
 from monitor.publish.documents import Event, HistoryChange, HistoryRow
 

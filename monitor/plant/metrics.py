@@ -15,8 +15,8 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from monitor.errors import StoreError
 from monitor.judge.alerts.health import STATES
 from monitor.judge.inspection import MUST_BE_MADE
+from monitor.plant.arm import GRADES, ArmStatus
 from monitor.plant.database import Database
-from monitor.plant.ranking import GRADES, ArmStatus
 from monitor.plant.status import PlantStatus, plant_status
 from monitor.plant.tables import arm, last_value
 from monitor.publish.timestamps import unix_s

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Any
 
 from monitor import __version__
 from monitor.errors import StoreError, StoreUnavailable
-from monitor.plant.copying import Copying
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import RUNNING, set_note
 from monitor.plant.links import ArmName, Inbox, Link
+from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, log_refusals, session_config
 from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
 
 if TYPE_CHECKING:
-    from monitor.plant.screen.server import ScreenServer
+    from monitor.plant.screen.app import ScreenServer
     from monitor.publish.metrics import MetricsServer
 
 log = logging.getLogger(__name__)
@@ -146,7 +146,7 @@ class Plant:
 
 def _screen(configuration: PlantConfiguration, database: Database, ways: Callable[[ArmName], list[Link]]) -> "ScreenServer":
     """The screen, which a plant without one does not import: it takes a third of a second."""
-    from monitor.plant.screen.server import ScreenServer
+    from monitor.plant.screen.app import ScreenServer
 
     return ScreenServer(configuration.screen, configuration.folder, database, ways)
 
@@ -163,7 +163,7 @@ def check_files(configuration: PlantConfiguration) -> None:
     """Read the files that the configuration names. Raises BadInput where one cannot be read, or is not what it should be."""
     session_config(mode="client", connect=configuration.plant.connect, zenoh_file=configuration.zenoh_file)
     if (users := configuration.screen.users_path(configuration.folder)) is not None:
-        from monitor.plant.screen.users_file import read_users_file
+        from monitor.plant.screen.settings import read_users_file
 
         read_users_file(users)
 

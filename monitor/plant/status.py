@@ -1,4 +1,4 @@
-"""What the plant knows, for people and programs: every arm, the worst first. I/O."""
+"""What the plant knows, for people and programs: every arm, the worst first, and the tickets of its alerts. I/O."""
 
 import time
 from collections import Counter
@@ -10,11 +10,10 @@ import sqlalchemy as sa
 
 from monitor import __version__
 from monitor.errors import BadInput, StoreError
-from monitor.plant.arms import DOUBLED
+from monitor.plant.arm import DOUBLED, GRADES, ArmStatus, worst_first
 from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING
-from monitor.plant.ranking import GRADES, ArmStatus, worst_first
-from monitor.plant.tables import arm, history, last_value, note
+from monitor.plant.tables import arm, delivery, history, last_value, note
 from monitor.publish.timestamps import rfc3339
 
 FEW, LONGEST_NAME = 3, 60  # names that a line shows, and of how many letters
@@ -232,3 +231,32 @@ def _line(text: str, most: int = LONGEST) -> str:
     """What an arm says, as part of a line of a terminal: it may hold anything, of any length."""
     shown = "".join(sign if sign.isprintable() else " " for sign in text)
     return shown if len(shown) <= most else f"{shown[: most - 1]}…"
+
+
+# --- The tickets that the gateway has opened for alerts, as the plant's database has them. I/O ----------
+
+
+class Ticket(NamedTuple):
+    """The ticket of one alert."""
+
+    robot: str  # site/robot
+    joint: int | None
+    condition: str
+    number: str | None  # None: the maintenance system did not say it
+    url: str | None  # for people
+
+
+def open_tickets(database: Database) -> list[Ticket]:
+    """The tickets of alerts that are not over. Raises StoreError."""
+    there = (delivery.c.kind == "close") | ((delivery.c.kind == "open") & (delivery.c.state == "delivered"))
+    wanted = sa.select(delivery.c.kind, delivery.c.robot, delivery.c.document, delivery.c.answer)
+    wanted = wanted.where(delivery.c.channel == "tickets", there)
+    found: dict[str, Ticket] = {}
+    with database.read() as connection:
+        for kind, robot, document, answer in connection.execute(wanted.order_by(delivery.c.id)):
+            if kind == "open":
+                said = answer or {}
+                found[document["alert_id"]] = Ticket(robot, document["joint"], document["condition"], said.get("number"), said.get("url"))
+            else:
+                found.pop(document["alert_id"], None)
+    return list(found.values())

@@ -25,10 +25,10 @@ from test_tickets import Maintenance
 from monitor.errors import BusError
 from monitor.gateway import run as gateway_run
 from monitor.gateway.mqtt import channel as mqtt
-from monitor.gateway.notify import people, texts
+from monitor.gateway.notify import messages, people
 from monitor.gateway.settings import load_gateway
 from monitor.gateway.tickets import channel as tickets
-from monitor.plant import arms as plant_arms
+from monitor.plant import arm as plant_arms
 from monitor.plant import links
 from monitor.plant import run as plant_run
 from monitor.plant.settings import load_plant
@@ -149,7 +149,7 @@ def live_gateway(folder):
     """Pauses between steps are short: only they are in real time."""
     people.STEP_S = tickets.STEP_S = gateway_run.WAIT_S = 0.02
     gateway_run.TROUBLE_PAUSE_S, gateway_run.LONGEST_PAUSE_S, mqtt.PAUSE_S = (0.02, 0.1), 0.2, 0.05
-    texts.LISTED = 10_000  # every event is told in full, so that the test finds it
+    messages.LISTED = 10_000  # every event is told in full, so that the test finds it
     configuration = load_gateway(folder / "plant.toml", {"CREDENTIALS_DIRECTORY": str(folder)})
     with gateway_run.Gateway(configuration, now=clock(folder)) as gateway:
         while True:

@@ -6,9 +6,9 @@ from empty_plant import empty_plant
 
 from monitor.gateway.run import Gateway
 from monitor.gateway.settings import load_gateway
+from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_transitions, enter, keep_last_values, known
-from monitor.plant.merge import Cursor, Entry
 from monitor.publish.documents import Event
 from monitor.publish.timestamps import rfc3339
 

@@ -13,10 +13,8 @@ from told_arms import NOW_UNIX_S, alert, arm
 
 from monitor.errors import BadInput
 from monitor.gateway.figures import figures
-from monitor.gateway.mqtt.discovery import discovery
-from monitor.gateway.mqtt.messages import messages
-from monitor.gateway.mqtt.settings import MqttSettings
-from monitor.gateway.mqtt.topics import ArmTopics, named
+from monitor.gateway.mqtt.broker import MqttSettings
+from monitor.gateway.mqtt.messages import ArmTopics, discovery, messages, named
 
 PREFIX = "homeassistant"
 ODD = ["a_b", "a", "_-", "__", "%2F", "/", "a/b", "+", "#", "$SYS", "ä", "_5f"]

@@ -8,8 +8,8 @@ from mail_server import PASSWORD, USER, MailServer
 from small_plant import DAY_S, NOW_UNIX_S, alert
 
 from monitor.errors import StoreUnavailable
-from monitor.gateway.check import check_all
 from monitor.gateway.outbox import Outbox
+from monitor.gateway.settings import check_all
 from monitor.gateway.status import gateway_status
 
 HOUR_S = 3600.0

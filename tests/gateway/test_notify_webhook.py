@@ -13,12 +13,12 @@ from http_server import HttpServer
 from small_plant import DAY_S
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.gateway import signing
-from monitor.gateway.check import check_all
-from monitor.gateway.notify.by_apprise import LONGEST
-from monitor.gateway.notify.people import Refused
-from monitor.gateway.notify.texts import Message
+from monitor.gateway import connection
+from monitor.gateway.connection import SIGNATURE, Refused
+from monitor.gateway.notify.messages import Message
+from monitor.gateway.notify.services import LONGEST
 from monitor.gateway.outbox import Outbox
+from monitor.gateway.settings import check_all
 
 ROOT = Path(__file__).parents[2]
 SECRET = "whsec_" + base64.b64encode(b"a key of thirty-two bytes, or so").decode()
@@ -172,30 +172,30 @@ def test_a_long_refusal_of_a_chat_ends_with_no_part_of_a_secret(plant):
 
 def test_our_signature_is_that_of_the_specification_s_own_library():
     """What the package standardwebhooks 1.1.0 makes of this message."""
-    made = signing.signed("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw", "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}')
-    assert made[signing.SIGNATURE] == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
+    made = connection.signed("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw", "msg_p5jXN8AQM9LWM0D4loKWxJek", 1614265330, b'{"test": 2432232314}')
+    assert made[SIGNATURE] == "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE="
 
 
 def test_a_signature_is_refused_for_each_reason(plant):
     """Missing headers, another secret, another body, too old, no time, no base64."""
     now, body = plant.now, b'{"a": 1}'
-    good = signing.signed(SECRET, "m1", now, body)
-    assert signing.verified(SECRET, {**good, signing.SIGNATURE: "v1,bm9uZQ== " + good[signing.SIGNATURE]}, body, now + 60.0) == "m1"
+    good = connection.signed(SECRET, "m1", now, body)
+    assert connection.verified(SECRET, {**good, SIGNATURE: "v1,bm9uZQ== " + good[SIGNATURE]}, body, now + 60.0) == "m1"
     # independently of our function, from the specification's text
     expected = base64.b64encode(hmac.new(base64.b64decode(SECRET[6:]), f"m1.{int(now)}.".encode() + body, hashlib.sha256).digest()).decode()
-    assert good[signing.SIGNATURE] == f"v1,{expected}"
+    assert good[SIGNATURE] == f"v1,{expected}"
     for headers, given, at, why in (
         ({}, body, now, "header webhook-id is missing"),
         (good, body + b" ", now, "not that of our secret"),
-        (signing.signed("another", "m1", now, body), body, now, "not that of our secret"),
-        ({**good, signing.SIGNATURE: "v1a," + good[signing.SIGNATURE][3:]}, body, now, "not that of our secret"),
+        (connection.signed("another", "m1", now, body), body, now, "not that of our secret"),
+        ({**good, SIGNATURE: "v1a," + good[SIGNATURE][3:]}, body, now, "not that of our secret"),
         (good, body, now + 301.0, "signed more than 300 s ago"),
-        ({**good, signing.TIMESTAMP: "now"}, body, now, "is no time"),
+        ({**good, connection.TIMESTAMP: "now"}, body, now, "is no time"),
     ):
         with pytest.raises(BadInput, match=why):
-            signing.verified(SECRET, headers, given, at)
+            connection.verified(SECRET, headers, given, at)
     with pytest.raises(BadInput, match="no base64"):
-        signing.key_of("whsec_???")
+        connection.key_of("whsec_???")
 
 
 @pytest.mark.parametrize(

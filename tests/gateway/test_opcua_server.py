@@ -20,14 +20,9 @@ from told_arms import NOW_UNIX_S, REPLAYED_UNIX_S, alert, arm, row
 
 from monitor.errors import BadInput
 from monitor.gateway.figures import figures
-from monitor.gateway.opcua.access import Users, trust_store
-from monitor.gateway.opcua.certificate import identity
-from monitor.gateway.opcua.channel import OpcuaChannel
-from monitor.gateway.opcua.check import check
-from monitor.gateway.opcua.nodes import ARTICULATED_ROBOT, CONDITION, arm_nodes, motion_profile
-from monitor.gateway.opcua.readings import NE107, readings
-from monitor.gateway.opcua.server import ConditionServer, ServerAway
-from monitor.gateway.opcua.settings import OpcuaSettings
+from monitor.gateway.opcua.nodes import ARTICULATED_ROBOT, CONDITION, NE107, arm_nodes, motion_profile, readings
+from monitor.gateway.opcua.server import ConditionServer, NotReached, OpcuaChannel, Users, trust_store
+from monitor.gateway.opcua.settings import OpcuaSettings, check, identity
 from monitor.plant.screen.people import Role, line_of, new_user
 
 OWN = "urn:joint-monitor:friction-health"
@@ -368,7 +363,7 @@ def test_a_session_is_not_taken_over_by_another_connection(world, secured):
 
 def test_the_certificate_is_made_once_and_kept(world):
     """Whoever trusts it trusts it after the next start; the key is nobody else's."""
-    from monitor.gateway.opcua.certificate import ensure, load
+    from monitor.gateway.opcua.settings import ensure, load
 
     before = world.who.certificate.read_bytes()
     assert not ensure(world.who, world.settings)
@@ -394,7 +389,7 @@ def test_check_says_users_certificate_and_address(world, tmp_path):
     assert "another OPC UA server" in found["address"].text
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(ServerAway, match="cannot listen"):
+        with pytest.raises(NotReached, match="cannot listen"):
             World(tmp_path, listen=f"127.0.0.1:{port}")
     found = {each.step: each for each in check(replace(world.settings, listen=f"127.0.0.1:{port}"), elsewhere)}
     assert found["address"].ok
@@ -440,7 +435,7 @@ def test_a_channel_serves_its_sites_and_no_more_arms_than_it_may(tmp_path, monke
 
         def close(self): ...
 
-    monkeypatch.setattr("monitor.gateway.opcua.channel.ConditionServer", Recorder)
+    monkeypatch.setattr("monitor.gateway.opcua.server.ConditionServer", Recorder)
     states = {each.name: each for each in (arm("a"), arm("b"), arm("c"), arm("d", site="other"))}
     about = SimpleNamespace(plant=SimpleNamespace(folder=tmp_path, directory=tmp_path), arms=lambda: states)
     channel = OpcuaChannel(OpcuaSettings(listen="127.0.0.1:4840", allow_anonymous=True, sites=("lab",), most_arms=2), about)

@@ -9,13 +9,11 @@ import zenoh
 from told_arms import NOW_UNIX_S, alert, arm
 from zenoh.ext import Int64, z_deserialize
 
-from monitor.errors import BadInput, BusError
+from monitor.errors import BadInput
+from monitor.gateway.connection import NotReached
 from monitor.gateway.figures import figures
-from monitor.gateway.ros2.channel import Ros2Channel
-from monitor.gateway.ros2.check import check
-from monitor.gateway.ros2.graph import Publication
-from monitor.gateway.ros2.messages import ERROR, MESSAGE, OK, STALE, WARN, encoded, statuses, type_hash
-from monitor.gateway.ros2.settings import Ros2Settings
+from monitor.gateway.ros2.channel import Ros2Channel, Ros2Settings, check
+from monitor.gateway.ros2.messages import ERROR, MESSAGE, OK, STALE, WARN, Publication, encoded, statuses, type_hash
 
 rosbags = pytest.importorskip("rosbags.typesys", reason="pip install 'joint-monitor[gateway]'")
 # of std_msgs/String in rmw_zenoh's docs/design.md, and of DiagnosticArray in the C header that rosidl generates for diagnostic_msgs
@@ -180,7 +178,7 @@ def test_a_router_that_is_away_is_told_and_waited_for(free_port, tmp_path):
     """Before the first session, and after it was lost: the node comes back by itself."""
     channel = channel_of(tmp_path, f"tcp/127.0.0.1:{free_port}", arm())
     try:
-        with pytest.raises(BusError, match="no Zenoh router answers"):
+        with pytest.raises(NotReached, match="no Zenoh router answers"):
             channel.step(NOW_UNIX_S)
         assert channel.status() == "not connected"
         router = Router(free_port)
@@ -190,7 +188,7 @@ def test_a_router_that_is_away_is_told_and_waited_for(free_port, tmp_path):
         def away():
             try:
                 channel.step(NOW_UNIX_S)
-            except BusError as error:
+            except NotReached as error:
                 return "is away" in str(error)
             return False
 
@@ -200,7 +198,7 @@ def test_a_router_that_is_away_is_told_and_waited_for(free_port, tmp_path):
         def heard():
             try:
                 channel.step(NOW_UNIX_S)
-            except BusError:
+            except NotReached:
                 return False
             return router.heard and sum(router.tokens.values()) == 2
 

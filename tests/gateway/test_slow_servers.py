@@ -14,11 +14,10 @@ from test_notify_mail import notify, to
 from test_notify_webhook import hook
 from test_tickets import CREDENTIALS, tickets
 
-from monitor.gateway import http_client
-from monitor.gateway.check import check_all
-from monitor.gateway.notify import by_apprise, mail
+from monitor.gateway import connection
+from monitor.gateway.notify import mail, services
 from monitor.gateway.outbox import Outbox
-from monitor.gateway.settings import load_gateway
+from monitor.gateway.settings import check_all, load_gateway
 from monitor.gateway.status import as_lines, gateway_status
 from monitor.gateway.tickets import channel
 
@@ -70,7 +69,7 @@ def a_day_passes(plant, running):
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch, plant):
-    for module in (mail, http_client, by_apprise):
+    for module in (mail, connection, services):
         monkeypatch.setattr(module, "WHOLE_S", 0.3)
     monkeypatch.setattr(mail, "GOODBYE_S", 0.1)
     plant.arm("hall/cell-1")
@@ -107,7 +106,7 @@ def test_a_webhook_that_drips_and_one_whose_answer_has_no_end_fail_and_the_other
     with Dripping(b"HTTP/1.1 200 OK\r\nx: ") as server, plant.gateway(hook(server.url), {"hook": "s3cret-of-the-hook"}) as running:
         a_day_passes(plant, running)
         assert [each.error for each in Outbox(plant.database, plant.clock).owed("webhook")] == ["hook: does not answer in time"]
-    client = http_client.HttpClient(http_client.ssl.create_default_context())
+    client = connection.HttpClient(connection.ssl.create_default_context())
     with Dripping(b"HTTP/1.1 200 OK\r\ncontent-length: 100000000\r\n\r\n" + 2_000_000 * b"x") as server:
         answer = client.request("GET", server.url, {}, None)
         assert (answer.is_success, len(answer.content) < 1_200_000) == (True, True)
@@ -118,7 +117,7 @@ def test_a_request_is_made_from_a_thread_whose_own_event_loop_runs():
     """As in a program that drives a browser, and in a notebook: asyncio refuses a second loop there."""
 
     async def within():
-        client = http_client.HttpClient(http_client.ssl.create_default_context())
+        client = connection.HttpClient(connection.ssl.create_default_context())
         answer = client.request("GET", server.url, {}, None)
         client.close()
         return answer.status

@@ -14,12 +14,12 @@ from http_server import HttpServer
 from small_plant import DAY_S, alert
 
 from monitor.errors import BadConfiguration
-from monitor.gateway.check import check_all
+from monitor.gateway.connection import signed
 from monitor.gateway.outbox import Outbox
-from monitor.gateway.signing import signed
+from monitor.gateway.settings import check_all
 from monitor.gateway.status import as_lines, gateway_status
-from monitor.gateway.tickets.check import check
-from monitor.gateway.tickets.template import filled, filled_address, pointed
+from monitor.gateway.tickets.listener import check
+from monitor.gateway.tickets.settings import filled, filled_address, pointed
 from monitor.plant.screen.fleet import Fleet
 from monitor.plant.tables import audit
 
@@ -197,7 +197,7 @@ def post(url, document, secret=SECRET, name="m1", at=None):
 
 def test_an_acknowledgement_comes_back_by_a_signed_webhook_goes_to_the_arm_once_and_is_audited(plant, monkeypatch):
     """By the ticket's number or the alert's name; the arm itself decides; each refusal stands in the audit."""
-    monkeypatch.setattr("monitor.gateway.acts.WAIT_S", 60.0)  # for the router, on a busy machine
+    monkeypatch.setattr("monitor.gateway.commands.WAIT_S", 60.0)  # for the router, on a busy machine
     plant.arm("hall/cell-1")
     listen = 'listen = "127.0.0.1:0"\nwebhook_secret = "credential:listener"\nrole = "acknowledge"\n'
     with Maintenance() as server, AnsweringArm("hall/cell-1") as arm:

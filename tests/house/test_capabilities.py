@@ -12,7 +12,7 @@ from monitor.acquire.safety import conditions as of_motion
 from monitor.cli.main import app
 from monitor.design.objective import OBJECTIVES
 from monitor.errors import ReplayAborted
-from monitor.gateway.channels import CHANNELS
+from monitor.gateway.settings import CHANNELS
 from monitor.judge.alerts import conditions as of_alerts
 from monitor.model.friction import LAWS
 from monitor.publish.registry import KINDS

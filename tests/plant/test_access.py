@@ -16,9 +16,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from monitor.plant.enrol.access import PEOPLE
-from monitor.plant.enrol.ask import ask_all
 from monitor.plant.enrol.authority import Authority, Issued, new_root
-from monitor.plant.enrol.check import lacks_on_bus
+from monitor.plant.enrol.check import ask_all, lacks_on_bus
 from monitor.plant.enrol.files import Plant, enrol
 from monitor.plant.enrol.inventory import read_inventory
 from monitor.publish.bus import Bus, QueryHandler

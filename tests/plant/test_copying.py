@@ -13,13 +13,12 @@ from simulated import ALERT, Way, copied, cursors, refusing
 
 from monitor.errors import BusError, StoreError
 from monitor.plant.backup import forget
-from monitor.plant.copying import Copied, Copying
+from monitor.plant.cursor import Cursor
 from monitor.plant.database import Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import EVENTS, CursorMoved, add_transitions, known
 from monitor.plant.links import ArmName, Inbox
-from monitor.plant.merge import Cursor
-from monitor.plant.pull import CannotCopy, pull
+from monitor.plant.pull import CannotCopy, Copied, Copying, pull
 from monitor.plant.status import as_lines, plant_status
 from monitor.plant.tables import arm as arm_table
 from monitor.plant.tables import audit, friction

@@ -39,7 +39,7 @@ def test_another_programs_database_and_a_newer_one_are_refused(address):
     database.migrate()
     with database.write() as connection:
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '9999'"))
-    with pytest.raises(StoreError, match="a newer joint-monitor"):
+    with pytest.raises(StoreError, match="another version of joint-monitor"):
         database.migrate()
     database.close()
 

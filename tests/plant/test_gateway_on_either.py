@@ -8,16 +8,15 @@ import sqlalchemy as sa
 
 from monitor.errors import StoreUnavailable
 from monitor.gateway import run
-from monitor.gateway.alone import Alone, AnotherGateway
-from monitor.gateway.outbox import Outbox
+from monitor.gateway.outbox import AnotherGateway, GatewayLock, Outbox
 from monitor.gateway.settings import load_gateway
 from monitor.gateway.source import Source
 from monitor.gateway.status import gateway_status
 from monitor.gateway.values import Delivery
+from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_audit, add_transitions, enter, keep_last_values, known
 from monitor.plant.links import ArmName
-from monitor.plant.merge import Cursor, Entry
 from monitor.plant.tables import audit
 from monitor.publish.documents import Event
 
@@ -83,7 +82,7 @@ def test_what_the_gateway_takes_and_owes_is_the_same_in_both_databases(database)
 def test_a_second_gateway_waits_for_the_end_of_the_first(database, address):
     """Also of one that was killed: the lock ends with its holder."""
     second = Database(address)
-    first_lock, second_lock = Alone(database), Alone(second)
+    first_lock, second_lock = GatewayLock(database), GatewayLock(second)
     first_lock.take()
     first_lock.take()
     with pytest.raises(AnotherGateway, match="until it ends"):
@@ -113,9 +112,9 @@ def test_a_server_that_dies_while_the_lock_is_asked_for_is_waited_for(postgres, 
 
     monkeypatch.setattr(database, "session", dying)
     with pytest.raises(StoreUnavailable, match="the connection was lost"):
-        Alone(database).take()
+        GatewayLock(database).take()
     monkeypatch.undo()
-    lock = Alone(database)
+    lock = GatewayLock(database)
     lock.take()
     lock.release()
     database.close()

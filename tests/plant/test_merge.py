@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.plant.merge import AnotherLog, Continues, Cursor, Disordered, Entry, step
+from monitor.plant.cursor import AnotherLog, Continues, Cursor, Disordered, Entry, step
 
 LOGS = st.lists(st.integers(1, 400), unique=True, min_size=1, max_size=20).map(sorted)
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from monitor import __version__
-from monitor.plant.arms import SETTLED_S, Arm
+from monitor.plant.arm import DOUBTFUL, GRADES, SETTLED_S, SICK, UNSEEN, WELL, Arm, ArmStatus, worst_first
 from monitor.plant.ingest import keep_last_values, known, set_arms
 from monitor.plant.links import ArmName, named
-from monitor.plant.ranking import DOUBTFUL, GRADES, SICK, UNSEEN, WELL, ArmStatus, worst_first
 from monitor.plant.status import PlantStatus, as_document, as_lines, plant_status
 from monitor.publish.timestamps import rfc3339
 

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import BadConfiguration, BadInput
-from monitor.plant.arms import DOUBLED
+from monitor.plant.arm import DOUBLED
 from monitor.plant.enrol.access import MOVES
 from monitor.plant.ingest import keep_last_values
 from monitor.plant.links import ArmName

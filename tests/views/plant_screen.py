@@ -12,8 +12,8 @@ from monitor import __version__
 from monitor.errors import BusError
 from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING, enter, keep_last_values, set_note
+from monitor.plant.screen.app import ScreenServer
 from monitor.plant.screen.people import line_of, new_user, role_named
-from monitor.plant.screen.server import ScreenServer
 from monitor.plant.screen.settings import ScreenSettings
 
 NOW = 1_767_571_200.0  # 2026-01-05

@@ -14,14 +14,12 @@ from typing import Any
 import orjson
 
 from monitor.errors import BadInput
-from monitor.gateway.acts import Acts
 from monitor.gateway.channel import Surroundings
+from monitor.gateway.commands import Commands
+from monitor.gateway.connection import NotReached, Steps
 from monitor.gateway.figures import MOST_JOINTS, Alert, ArmFigures, figures, unacknowledged
-from monitor.gateway.mqtt.broker import Broker, BrokerAway, Denied
-from monitor.gateway.mqtt.discovery import discovery
-from monitor.gateway.mqtt.messages import messages
-from monitor.gateway.mqtt.settings import MqttSettings
-from monitor.gateway.mqtt.topics import OFFLINE, ONLINE, ArmTopics, gateway, named
+from monitor.gateway.mqtt.broker import Broker, MqttSettings, connected, heard_topics
+from monitor.gateway.mqtt.messages import OFFLINE, ONLINE, ArmTopics, discovery, gateway, messages, named
 from monitor.gateway.values import ArmState, Delivery, Transition
 from monitor.plant.links import ArmName
 from monitor.plant.screen.people import Role
@@ -40,10 +38,9 @@ class MqttChannel:
     name = "mqtt"
 
     def __init__(self, settings: MqttSettings, surroundings: Surroundings) -> None:
-        self._settings, self._arms, self._acts = settings, surroundings.arms, surroundings.acts
+        self._settings, self._arms, self._commands = settings, surroundings.arms, surroundings.commands
         self._folder: Path = surroundings.plant.folder
         self._broker: Broker | None = None
-        self._version_5 = True
         self._told: dict[str, bytes] = {}  # digest of what the broker keeps, by topic
         self._seen: dict[ArmName, tuple[ArmState, ArmFigures, bool]] = {}  # what it was told of: the state, and whether it was heard
         self._due: dict[ArmName, None] = {}  # to be told, in order
@@ -64,7 +61,7 @@ class MqttChannel:
         return f"{len(self._seen)} arms at {self._settings.address[0]}, MQTT {'5' if broker.version_5 else '3.1.1'}{waits}{denied}"
 
     def step(self, now_unix_s: float) -> float:
-        """Tell what has changed. Raises BrokerAway."""
+        """Tell what has changed. Raises NotReached."""
         broker = self._connected()
         try:
             self._look(now_unix_s, broker)
@@ -77,7 +74,7 @@ class MqttChannel:
             if not self._online and self._seen and not self._due:
                 broker.send(gateway(self._settings.root), ONLINE.encode(), retain=True)
                 self._online = True
-        except BrokerAway:
+        except NotReached:
             self._leave()
             raise
         return 0.0 if self._due or self._gone or not broker.incoming.empty() else PAUSE_S
@@ -91,7 +88,7 @@ class MqttChannel:
             try:
                 broker.send(gateway(self._settings.root), OFFLINE.encode(), retain=True)
                 broker.wait_idle(GOODBYE_S)
-            except BrokerAway:
+            except NotReached:
                 log.info("mqtt: the broker is away; its last will says that the gateway is gone")
         broker.close()
 
@@ -104,32 +101,20 @@ class MqttChannel:
         if self._broker is not None:
             why = self._broker.why
             self._leave()
-            raise BrokerAway(f"{self._settings.address[0]}: {why}")
-        broker = Broker(self._settings, self._folder, version_5=self._version_5)
-        try:
-            broker.open()
-        except BrokerAway as away:
-            if broker.reached and (not broker.answered or "protocol version" in away.args[0].lower()):
-                self._version_5 = not self._version_5  # an older broker may hang up instead of saying so
-            raise
+            raise NotReached("tcp", f"{self._settings.address[0]}: {why}")
+        broker = connected(self._settings, self._folder, Steps())
         self._told.clear()
         self._online = False
         self._due |= dict.fromkeys(self._seen)
         self._broker = broker
-        topics = [f"{self._settings.root}/+/+/availability"]
-        if self._settings.home_assistant:
-            topics.append(f"{self._settings.home_assistant}/status")
-        if self._settings.allow_acknowledge:
-            topics.append(f"{self._settings.root}/+/+/cmd/ack")
-        for topic in topics:
-            try:
-                broker.subscribe([topic])
-            except Denied as denied:
-                log.warning("mqtt: the broker does not let us hear %s", denied)
-            except BrokerAway:
-                self._leave()
-                raise
-        log.info("mqtt: connected with %s, MQTT %s", self._settings.address[0], "5" if self._version_5 else "3.1.1")
+        try:
+            for topic in heard_topics(self._settings):  # one by one: a broker may refuse one of them
+                for why in broker.subscribe([topic]).values():
+                    log.warning("mqtt: the broker does not let us hear %s: %s", topic, why)
+        except NotReached:
+            self._leave()
+            raise
+        log.info("mqtt: connected with %s, MQTT %s", self._settings.address[0], "5" if broker.version_5 else "3.1.1")
         return broker
 
     def _leave(self) -> None:
@@ -220,7 +205,7 @@ class MqttChannel:
             if known is None:
                 raise BadInput(f"{name} is no arm of the plant")
             about = _request(payload)
-            done, text = acknowledge(self._acts, name, asked_for(known[1].alerts, about), about)
+            done, text = acknowledge(self._commands, name, asked_for(known[1].alerts, about), about)
         except BadInput as error:
             log.warning("mqtt: a message on %r is refused: %s", topic, error)
             done, text = 0, str(error)
@@ -256,14 +241,14 @@ def asked_for(alerts: Sequence[Alert], about: Mapping[str, Any]) -> list[Alert]:
     ]
 
 
-def acknowledge(acts: Acts, name: ArmName, alerts: Sequence[Alert], about: Mapping[str, Any]) -> tuple[int, str]:
+def acknowledge(commands: Commands, name: ArmName, alerts: Sequence[Alert], about: Mapping[str, Any]) -> tuple[int, str]:
     """Acknowledge alerts at the arm itself, until it refuses one. Returns how many, and what to tell."""
     who = " ".join(str(about.get("by") or "somebody").split())[:LONGEST_NAME]
     for done, alert in enumerate(alerts):
         document = {"joint": alert.get("joint"), "condition": alert["condition"], "why": str(about.get("why") or "")[:LONGEST_WHY]}
         try:
             # whoever the broker lets publish there has this role, because `allow_acknowledge` says so
-            acts.do(name, "ack", document, who=f"{who} (MQTT)", role=Role.acknowledge, via="mqtt")
+            commands.send(name, "ack", document, who=f"{who} (MQTT)", role=Role.acknowledge, via="mqtt")
         except BadInput as error:
             return done, str(error)
     return len(alerts), f"acknowledged: {len(alerts)}" if alerts else "no alert waits for a person"

@@ -10,29 +10,26 @@ import smtplib
 import socket
 import ssl
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from datetime import UTC, datetime
 from email.message import EmailMessage
 from email.policy import SMTP
 from email.utils import format_datetime, parseaddr
-from pathlib import Path
 from typing import Any
 
-from monitor.gateway.notify.people import Refused, Unreachable
-from monitor.gateway.notify.settings import NotifySettings, RecipientSettings
-from monitor.gateway.notify.texts import Message
-from monitor.gateway.reach import believed
+from monitor.gateway.connection import Finding, NotReached, Refused, Steps, attempted, believed, dial, say_tls, untrusted
+from monitor.gateway.connection import reason as socket_reason
+from monitor.gateway.notify.messages import Message
+from monitor.gateway.notify.routing import NotifySettings, RecipientSettings
+from monitor.plant.settings import PlantConfiguration
 
 TIMEOUT_S = 20.0  # of one look for more
 WHOLE_S = 60.0  # of signing in, and of one message: a server that answers a letter at a time holds nobody up for longer
 GOODBYE_S = 5.0
 REFUSED_WAIT_S = 1800.0  # until an address that the server refuses is tried again
 GREYLISTED_WAIT_S = 300.0  # until an address that it refuses for the moment is
+OPEN_TO_ALL = "none, as configured: everybody on the way can read the messages"
 PASSWORD_WAIT_S = 1800.0  # until a password that it refuses is tried again: after several attempts servers lock an account
-
-
-class NoSignIn(smtplib.SMTPException):
-    """The server takes no password here, or in no way that we know."""
 
 
 class _Answers(io.RawIOBase):
@@ -60,9 +57,14 @@ class _Answers(io.RawIOBase):
 class _InTime(smtplib.SMTP):
     """A session whose answers must be there in time as a whole; smtplib only knows a time for each part of them."""
 
-    def __init__(self, host: str, port: int, **options: Any) -> None:
+    def __init__(self, host: str, port: int, steps: Steps, context: ssl.SSLContext | None) -> None:
+        """`context` : of TLS from the beginning."""
         self.until = time.monotonic() + WHOLE_S
-        super().__init__(host, port, timeout=TIMEOUT_S, **options)
+        self._steps, self._tls = steps, context
+        super().__init__(host, port, timeout=TIMEOUT_S)
+
+    def _get_socket(self, host: str, port: int, timeout: float) -> socket.socket:
+        return dial(host, port, self._steps, self._tls, timeout)
 
     def getreply(self) -> tuple[int, bytes]:
         """The next answer. Raises TimeoutError, smtplib.SMTPServerDisconnected."""
@@ -76,32 +78,29 @@ class _InTime(smtplib.SMTP):
             raise
 
 
-class _InTimeOverTls(_InTime, smtplib.SMTP_SSL):
-    """The same, with TLS from the beginning."""
-
-
 class MailWay:
     """A `Way`. One connection carries the messages of a step."""
 
     name = "mail"
 
-    def __init__(self, settings: NotifySettings, folder: Path) -> None:
-        """`folder` : from which relative names of files start. Raises BadInput where ca_file is no certificate."""
+    def __init__(self, settings: NotifySettings, plant: PlantConfiguration, now: Callable[[], float]) -> None:  # noqa: ARG002 - as the others
+        """Raises BadInput where ca_file is no certificate."""
         self._settings = settings
-        self._context = believed(settings.ca_file, folder, "notify")
+        self._context = believed(settings.ca_file, plant.folder, "notify")
         self._server: _InTime | None = None
-        self._locked_until, self._locked_why = 0.0, ""
+        self._locked_until = 0.0
+        self._locked: NotReached | None = None
 
     def addresses(self, recipient: RecipientSettings) -> Collection[str]:
         """The mail addresses."""
         return recipient.mail
 
     def ready(self) -> None:
-        """Connect and sign in. Raises Unreachable."""
+        """Connect and sign in. Raises NotReached."""
         self._connected()
 
     def send(self, message: Message) -> Any:
-        """Hand it to the mail server. Raises Refused, Unreachable."""
+        """Hand it to the mail server. Raises Refused, NotReached."""
         server = self._connected()
         mail = mail_of(message, self._settings.sender)
         server.until = time.monotonic() + WHOLE_S
@@ -132,46 +131,81 @@ class MailWay:
             except (smtplib.SMTPException, OSError):
                 server.close()
 
+    def check(self) -> Sequence[Finding]:
+        """How far mail gets: up to each recipient. No mail is sent."""
+
+        def walk(steps: Steps) -> None:
+            with connected(self._settings, self._context, steps) as server:
+                _try_recipients(self._settings, server, steps)
+
+        return attempted(self.name, walk)
+
     def _connected(self) -> _InTime:
         if self._server is None:
-            if time.monotonic() < self._locked_until:
-                raise Unreachable(self._locked_why, self._locked_until - time.monotonic())
+            left_s = self._locked_until - time.monotonic()
+            if self._locked is not None and left_s > 0.0:
+                raise NotReached(self._locked.step, str(self._locked), left_s)
             try:
-                self._server = connected(self._settings, self._context)
-            except smtplib.SMTPAuthenticationError as error:
-                self._locked_until = time.monotonic() + PASSWORD_WAIT_S
-                self._locked_why = f"mail server {self._settings.smtp}: {reason(error)}"
-                raise Unreachable(self._locked_why, PASSWORD_WAIT_S) from None
-            except (smtplib.SMTPException, OSError, ValueError) as error:
-                raise Unreachable(f"mail server {self._settings.smtp}: {reason(error)}") from None
+                self._server = connected(self._settings, self._context, Steps())
+            except NotReached as error:
+                if error.wait_s:
+                    self._locked, self._locked_until = error, time.monotonic() + error.wait_s
+                raise
         return self._server
 
 
-def connected(settings: NotifySettings, context: ssl.SSLContext) -> _InTime:
-    """A session that is signed in. Raises smtplib.SMTPException, OSError, ValueError."""
+def connected(settings: NotifySettings, context: ssl.SSLContext, steps: Steps) -> _InTime:
+    """A session that is signed in. Raises NotReached."""
     host, port = settings.server()
-    server = _InTimeOverTls(host, port, context=context) if settings.tls == "tls" else _InTime(host, port)
+    here, other = f"mail server {settings.smtp}", "another port, or another setting of tls (starttls, tls, none)"
+    step, server = "smtp", None
     try:
+        server = _InTime(host, port, steps, context if settings.tls == "tls" else None)
+        step = "tls"
         if settings.tls == "starttls":
             server.starttls(context=context)
+            assert isinstance(server.sock, ssl.SSLSocket)
+            say_tls(steps, server.sock)
+        elif settings.tls == "none":
+            steps.say("tls", OPEN_TO_ALL)
+        step = "authentication"
         server.ehlo_or_helo_if_needed()
         if settings.user:
-            _sign_in(server, settings.user, settings.password)
-    except BaseException:
-        server.close()
+            server.login(settings.user, settings.password)
+        steps.say("authentication", f"signed in as {settings.user}" if settings.user else "the server asks for none")
+        return server
+    except BaseException as error:
+        if server is not None:
+            server.close()
+        if isinstance(error, NotReached):
+            raise NotReached(error.step, f"{here}: {error}") from None
+        if isinstance(error, smtplib.SMTPAuthenticationError):
+            raise NotReached(step, f"{here}: {reason(error)}: look at user and password", PASSWORD_WAIT_S) from None
+        if isinstance(error, smtplib.SMTPNotSupportedError) and step == "authentication":
+            raise NotReached(step, f"{here}: the server takes no password on this port, or none without TLS: {other}") from None
+        if type(error) is smtplib.SMTPException and step == "authentication":  # its subclasses say something else
+            raise NotReached(step, f"{here}: the server takes passwords only in ways that are not known here: {other}") from None
+        if isinstance(error, smtplib.SMTPNotSupportedError):
+            raise NotReached(step, f"{here}: {error}: {other}") from None
+        if isinstance(error, smtplib.SMTPException | OSError | ValueError):
+            raise NotReached(step, f"{here}: {reason(error)}") from None
         raise
-    return server
 
 
-def _sign_in(server: smtplib.SMTP, user: str, password: str) -> None:
+def _try_recipients(settings: NotifySettings, server: smtplib.SMTP, steps: Steps) -> None:
+    """Whether the server takes mail from us to each of them; no mail is sent. Raises NotReached."""
+    sender = parseaddr(settings.sender)[1]
     try:
-        server.login(user, password)
-    except smtplib.SMTPNotSupportedError:
-        raise NoSignIn("the server takes no password on this port, or none without TLS") from None
-    except smtplib.SMTPException as error:
-        if type(error) is smtplib.SMTPException:  # its subclasses say something else
-            raise NoSignIn("the server takes passwords only in ways that are not known here") from None
-        raise
+        code, said = server.mail(sender)
+        if code != 250:
+            raise NotReached("authorisation", f"{sender} may not send: {code} {_said(said)}: expected a sender whom the server takes")
+        for address in dict.fromkeys(address for each in settings.to for address in each.mail):
+            code, said = server.rcpt(address)
+            taken = code in {250, 251}
+            steps.say("authorisation", f"{address}: {'taken' if taken else f'refused: {code} {_said(said)}'}", ok=taken)
+        server.rset()
+    except (smtplib.SMTPException, OSError) as error:
+        raise NotReached("authorisation", reason(error)) from None
 
 
 def mail_of(message: Message, sender: str) -> EmailMessage:
@@ -195,20 +229,12 @@ def mail_of(message: Message, sender: str) -> EmailMessage:
 
 
 def reason(error: Exception) -> str:
-    """Why, in a sentence."""
+    """Why a session ended, in a sentence."""
     if isinstance(error, smtplib.SMTPAuthenticationError):
         return f"user or password are refused: {error.smtp_code} {_said(error.smtp_error)}"
-    if isinstance(error, NoSignIn):
-        return f"{error}: another port, another setting of tls (starttls, tls, none), or neither user nor password"
-    if isinstance(error, smtplib.SMTPNotSupportedError):
-        return f"{error}: another port, or another setting of tls (starttls, tls, none)"
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return f"its certificate is not believed ({error.verify_message}); give the authority's certificate as ca_file"
     if isinstance(error, smtplib.SMTPResponseException):
         return f"{error.smtp_code} {_said(error.smtp_error)}"
-    if isinstance(error, TimeoutError):
-        return "does not answer in time"
-    return str(getattr(error, "strerror", None) or error or type(error).__name__)
+    return untrusted(error) if isinstance(error, ssl.SSLCertVerificationError) else socket_reason(error)
 
 
 def _said(text: bytes | str) -> str:

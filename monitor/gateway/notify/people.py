@@ -3,19 +3,35 @@
 import hashlib
 import logging
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 from zoneinfo import ZoneInfo
 
-from monitor.errors import MonitorError
-from monitor.gateway.channel import Surroundings
-from monitor.gateway.notify.reports import Periods
-from monitor.gateway.notify.routing import ALERT, ESCALATION, REPORT, WEAR, Gathered, Group, Route, Sent, gathered, offered, routes
-from monitor.gateway.notify.settings import NotifySettings, RecipientSettings
-from monitor.gateway.notify.texts import Message, alert_message
+from monitor.errors import BadInput, MonitorError
+from monitor.gateway.channel import Channel, Surroundings
+from monitor.gateway.connection import Finding, NotReached, Refused
+from monitor.gateway.notify.mail import MailWay
+from monitor.gateway.notify.messages import Message, Periods, alert_message
+from monitor.gateway.notify.routing import (
+    ALERT,
+    ESCALATION,
+    REPORT,
+    WEAR,
+    Gathered,
+    Group,
+    NotifySettings,
+    RecipientSettings,
+    Route,
+    Sent,
+    gathered,
+    offered,
+    routes,
+)
+from monitor.gateway.notify.services import AppriseWay, WebhookWay
 from monitor.gateway.outbox import Owed
 from monitor.gateway.values import Delivery, Transition, gravity, time_said
 from monitor.plant.links import ArmName
+from monitor.plant.settings import PlantConfiguration
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import language
 
@@ -23,25 +39,8 @@ log = logging.getLogger(__name__)
 
 STEP_S = 5.0  # between two looks at what is owed
 LONGEST_S = 60.0  # of sending, in one step: it must end in time
+TEST = "test"  # kind of a message that a person has asked for
 PATIENCE = 8  # attempts, some forty minutes: a message that is refused as often may be the only one that is
-
-
-class Refused(MonitorError):
-    """The other side answers, and does not take this message."""
-
-    def __init__(self, text: str, wait_s: float = 0.0) -> None:
-        """`wait_s` : for which the other side asks [s]."""
-        super().__init__(text)
-        self.wait_s = wait_s
-
-
-class Unreachable(MonitorError):
-    """The other side does not answer, or does not let us in: no message gets through now."""
-
-    def __init__(self, text: str, wait_s: float = 0.0) -> None:
-        """`wait_s` : until it is asked again, where that is long [s]."""
-        super().__init__(text)
-        self.wait_s = wait_s
 
 
 class Way(Protocol):
@@ -55,10 +54,13 @@ class Way(Protocol):
         """Those of a recipient by this way; they stand in the outbox, so they hold no secret."""
 
     def ready(self) -> None:
-        """Raises Unreachable where no message would get through: then what is owed is gathered when one does."""
+        """Raises NotReached where no message would get through: then what is owed is gathered when one does."""
 
     def send(self, message: Message) -> Any:
-        """Send it, within two minutes. Returns what is kept of the answer. Raises Refused, Unreachable."""
+        """Send it, within two minutes. Returns what is kept of the answer. Raises Refused, NotReached."""
+
+    def check(self) -> Sequence[Finding]:
+        """How far it gets, as `ready` and `send` would; no message is sent."""
 
     def rest(self) -> None:
         """A step ends: keep nothing open."""
@@ -82,7 +84,7 @@ class People:
         return offered(transition, self._routes, self._settings, self._surroundings.now())
 
     def step(self, now_unix_s: float) -> float:
-        """Make messages of what is due, and send them. Raises Unreachable."""
+        """Make messages of what is due, and send them. Raises NotReached."""
         outbox = self._surroundings.outbox
         if self._periods is not None:
             self._periods.owe(now_unix_s)
@@ -169,7 +171,7 @@ class People:
             answer = self._way.send(self._message(name, deliveries))
         except Refused as refused:
             outbox.failed(deliveries, self._surroundings.scrub(str(refused)), dead_after_s=dead_after_s, wait_s=refused.wait_s)
-        except Unreachable as error:
+        except NotReached as error:
             oldest = min(each.made_at_unix_s for each in deliveries)
             if self._surroundings.now() - oldest > dead_after_s:
                 outbox.failed(deliveries, self._surroundings.scrub(str(error)), dead_after_s=dead_after_s)
@@ -222,3 +224,55 @@ def kind_of(name: str | None) -> str:
 def made_at(name: str) -> float:
     """When a message got its name."""
     return float(name.split(".")[1])
+
+
+# kind of way, and whether a recipient has it
+WAYS: tuple[tuple[Callable[[NotifySettings, PlantConfiguration, Callable[[], float]], Way], Callable[[RecipientSettings], bool]], ...] = (
+    (MailWay, lambda each: bool(each.mail)),
+    (WebhookWay, lambda each: bool(each.webhook)),
+    (AppriseWay, lambda each: bool(each.apprise)),
+)
+
+
+def ways(settings: NotifySettings, plant: PlantConfiguration, now: Callable[[], float]) -> Iterator[Way]:
+    """The ways that recipients have. Raises BadInput, BadConfiguration where a library is absent."""
+    return (made(settings, plant, now) for made, has in WAYS if any(has(each) for each in settings.to))
+
+
+def channels(settings: NotifySettings, surroundings: Surroundings) -> Sequence[Channel]:
+    """One channel for each way that a recipient has. Raises BadInput, BadConfiguration where a library is absent."""
+    return [People(settings, way, surroundings) for way in ways(settings, surroundings.plant, surroundings.now)]
+
+
+def check(settings: NotifySettings, plant: PlantConfiguration) -> Sequence[Finding]:
+    """How far each way gets; no message is sent."""
+    found: list[Finding] = []
+    try:
+        for way in ways(settings, plant, time.time):
+            found += way.check()
+    except BadInput as error:
+        found.append(Finding("notify", "settings", False, str(error)))
+    return found
+
+
+def send_test(settings: NotifySettings, plant: PlantConfiguration, default_language: str, now: Callable[[], float]) -> Iterator[Finding]:
+    """Send a test message to every recipient, by every way of his."""
+    for way in ways(settings, plant, now):
+        people = {address: each for each in settings.to for address in way.addresses(each)}
+        for address, recipient in people.items():
+            say = language(recipient.language or default_language)
+            message = Message(
+                name=f"{TEST}.{int(now())}.{abs(hash((address, now()))):x}",
+                kind=TEST,
+                recipient=address,
+                subject=say.say("Test message of joint-monitor"),
+                text=say.say("A person has asked for this message. Alerts of the plant will come in the same way.") + "\n",
+                made_at_unix_s=now(),
+            )
+            try:
+                way.send(message)
+            except MonitorError as error:
+                yield Finding(way.name, "message", False, str(error))
+            else:
+                yield Finding(way.name, "message", True, f"{address}: a test message is taken")
+        way.rest()

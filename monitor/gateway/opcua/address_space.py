@@ -13,8 +13,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from monitor.gateway.figures import ArmFigures
-from monitor.gateway.opcua.nodes import HAS_COMPONENT, ORGANIZES, OWN, Node, Ref, arm_nodes, site_nodes
-from monitor.gateway.opcua.readings import Reading, readings
+from monitor.gateway.opcua.nodes import HAS_COMPONENT, ORGANIZES, OWN, Node, Reading, Ref, arm_nodes, readings, site_nodes
 
 if TYPE_CHECKING:
     from asyncua import Server

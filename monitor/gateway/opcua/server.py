@@ -1,9 +1,15 @@
-"""The server and its thread. I/O."""
+"""The channel `opcua`: serves the arms as they were heard last, from a thread of its own. I/O.
+
+Nobody may write: requests that change anything are refused before anybody looks at them.
+
+The library lets a client without encryption discover endpoints, and would let it sign in too. Here a session needs a channel with the
+client's certificate, unless `allow_unsecured` says otherwise. A session belongs to the connection that made it: the library would give it
+to another connection before the user is known.
+"""
 
 import asyncio
 import logging
 import math
-import socket
 import threading
 import time
 from collections.abc import Coroutine, Sequence
@@ -14,16 +20,139 @@ from typing import Any
 
 from asyncua import Server, ua
 from asyncua.common.connection import TransportLimits
+from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
+from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
+from asyncua.crypto.truststore import TrustStore
+from asyncua.server.internal_server import InternalServer
+from cryptography import x509
 
 from monitor import __version__
-from monitor.errors import BadInput, MonitorError
-from monitor.gateway.figures import ArmFigures
-from monitor.gateway.opcua.access import ReadOnly, ReadOnlyServer, Users, discovery_only, trust_store
+from monitor.errors import BadInput
+from monitor.gateway.channel import Surroundings
+from monitor.gateway.connection import NotReached
+from monitor.gateway.figures import ArmFigures, figures
 from monitor.gateway.opcua.address_space import AddressSpace
-from monitor.gateway.opcua.certificate import Identity, ensure
-from monitor.gateway.opcua.settings import OpcuaSettings
+from monitor.gateway.opcua.settings import Identity, OpcuaSettings, ensure, expect_free, identity, users_of
+from monitor.gateway.values import ArmState, Delivery, Transition
+from monitor.plant.links import ArmName
+from monitor.plant.screen.people import User as Person
+from monitor.plant.screen.people import user_of
 
 log = logging.getLogger(__name__)
+
+CHANGES = frozenset(
+    {
+        ua.ObjectIds.WriteRequest_Encoding_DefaultBinary,
+        ua.ObjectIds.CallRequest_Encoding_DefaultBinary,
+        ua.ObjectIds.TransferSubscriptionsRequest_Encoding_DefaultBinary,  # another client's subscriptions
+    }
+)
+MOST_CONNECTIONS, MOST_SUBSCRIPTIONS = 100, 500
+
+
+class ReadOnly(PermissionRuleset):  # type: ignore[misc] # the library has no types
+    """What somebody who is signed in may ask for."""
+
+    def __init__(self) -> None:
+        self._allowed = {ua.NodeId(kind) for kind in USER_TYPES if kind not in CHANGES}
+
+    def check_validity(self, user: Any, action_type: Any, body: Any) -> bool:  # noqa: ARG002 - the library's interface
+        """Whether a request is served."""
+        return user is not None and user.role == UserRole.User and action_type in self._allowed
+
+
+class Nothing(PermissionRuleset):  # type: ignore[misc] # the library has no types
+    """Of a channel without encryption: endpoints are told there, and nothing else."""
+
+    def check_validity(self, user: Any, action_type: Any, body: Any) -> bool:  # noqa: ARG002 - the library's interface
+        """Whether a request is served."""
+        return False
+
+
+def discovery_only() -> SecurityPolicyFactory:
+    """The policy of channels without encryption, where these are not allowed."""
+    return SecurityPolicyFactory(SecurityPolicyNone, ua.MessageSecurityMode.None_, permission_ruleset=Nothing())
+
+
+class ReadOnlyServer(InternalServer):  # type: ignore[misc] # the library has no types
+    """The library's server without what others could misuse."""
+
+    def __init__(self, users: "Users") -> None:
+        super().__init__(user_manager=users)
+        self.allow_remote_admin = False
+        self.max_connections, self.max_subscriptions = MOST_CONNECTIONS, MOST_SUBSCRIPTIONS
+        self.max_monitored_item_queue_size = 100
+        self.max_unacked_messages_per_subscription = 100
+
+    def lookup_external_session(self, auth_token: Any) -> None:
+        """A session is not taken over by another connection."""
+
+    def register_server(self, server: Any, conf: Any = None) -> None:  # noqa: ARG002 - the library's interface
+        """No other server is listed here. Raises BadServiceUnsupported."""
+        raise ua.uaerrors.BadServiceUnsupported
+
+
+class Users:
+    """Decides at sign-in. The file of users is read each time it has changed."""
+
+    def __init__(self, settings: OpcuaSettings, folder: Path, trusted: TrustStore | None) -> None:
+        """Raises BadInput where the file of users cannot be read."""
+        self._settings, self._trusted = settings, trusted
+        self._file = folder / settings.users_file if settings.users_file else None
+        self._users: dict[str, Person] = {}
+        self._seen: tuple[int, int] | None = None
+        self._read()
+
+    def get_user(self, _server: Any, username: str | None = None, password: str | None = None, certificate: bytes | None = None) -> Any:
+        """Somebody who may read; None: nobody. Called by the library for each session."""
+        if not certificate and not self._settings.allow_unsecured:
+            log.warning("opcua: a client without encryption is refused")
+            return None
+        if self._trusted is not None and not (certificate and self._trusted.validate(x509.load_der_x509_certificate(certificate))):
+            log.warning("opcua: a client is refused whose certificate is not in trusted_clients")
+            return None
+        if username is None:
+            return User(UserRole.User, "anonymous") if self._settings.allow_anonymous else None
+        try:
+            self._read()
+        except BadInput as error:
+            log.error("trouble=users: %s; nobody is let in by a token", error, extra={"trouble": "users"})
+            self._users, self._seen = {}, None
+        found = user_of(password or "", self._users)
+        if found is None or found.name != username:
+            log.warning("opcua: %r is refused: no such user with this token", username[:100])
+            return None
+        return User(UserRole.User, found.name)
+
+    def _read(self) -> None:
+        if self._file is None:
+            return
+        try:
+            about = self._file.stat()
+        except OSError as error:
+            raise BadInput(f"opcua: users_file {self._file}: cannot be read: {error.strerror}") from None
+        if self._seen == (about.st_mtime_ns, about.st_size):
+            return
+        self._users = users_of(self._file)
+        self._seen = (about.st_mtime_ns, about.st_size)
+
+
+async def trust_store(settings: OpcuaSettings, folder: Path) -> TrustStore | None:
+    """The certificates that clients must show; None: any. Raises BadInput."""
+    if not settings.trusted_clients:
+        return None
+    place = folder / settings.trusted_clients
+    if not place.is_dir():
+        raise BadInput(f"opcua: trusted_clients {place}: is no folder")
+    store = TrustStore([place], [])
+    try:
+        await store.load()
+    except (OSError, ValueError) as error:
+        raise BadInput(f"opcua: trusted_clients {place}: expected certificates there, *.der or *.pem: {error}") from None
+    return store
+
+
+# --- The server and its thread. I/O ---------------------------------------------------------------------
 
 NAME = "joint-monitor gateway"
 START_S, PUT_S, STOP_S = 120.0, 120.0, 15.0
@@ -36,15 +165,11 @@ SECURED = (
 )
 
 
-class ServerAway(MonitorError):
-    """The server cannot listen, or does not answer its own program."""
-
-
 class ConditionServer:
     """One running server; its event loop has a thread of its own."""
 
     def __init__(self, settings: OpcuaSettings, folder: Path, who: Identity) -> None:
-        """Start it. Raises BadInput, ServerAway."""
+        """Start it. Raises BadInput, NotReached."""
         self._settings, self._folder, self._who = settings, folder, who
         logging.getLogger("asyncua").setLevel(logging.ERROR)  # it tells of each connection and each refusal
         self._loop = asyncio.new_event_loop()
@@ -63,7 +188,7 @@ class ConditionServer:
         if self._server is not None:
             try:
                 self._call(self._server.stop(), STOP_S)
-            except (ServerAway, ua.UaError) as error:
+            except (NotReached, ua.UaError) as error:
                 log.warning("opcua: the server ends late: %s", error)
             self._server = None
         self._end()
@@ -102,7 +227,7 @@ class ConditionServer:
 
     async def _start(self) -> None:
         settings, who = self._settings, self._who
-        _bind(settings)
+        expect_free(settings)
         if ensure(who, settings):
             log.info("opcua: made a certificate for %s: %s", who.uri, who.certificate)
         users = Users(settings, self._folder, await trust_store(settings, self._folder))
@@ -133,7 +258,7 @@ class ConditionServer:
         try:
             await server.start()
         except OSError as error:
-            raise ServerAway(f"{settings.listen}: cannot listen there: {error.strerror or error}") from None
+            raise NotReached("address", f"{settings.listen}: cannot listen there: {error.strerror or error}") from None
         self._server = server
         log.info("opcua: listening at %s", settings.url(who.host))
 
@@ -144,7 +269,7 @@ class ConditionServer:
             return future.result(timeout_s)
         except LateError:
             future.cancel()
-            raise ServerAway(f"the server does not answer within {timeout_s:g} s") from None
+            raise NotReached("server", f"the server does not answer within {timeout_s:g} s") from None
 
     def _end(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -153,10 +278,60 @@ class ConditionServer:
             self._loop.close()
 
 
-def _bind(settings: OpcuaSettings) -> None:
-    """Whether the address is free, before the server takes its seconds to start. Raises ServerAway."""
-    host, port = settings.address()
-    try:
-        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
-    except OSError as error:
-        raise ServerAway(f"{settings.listen}: cannot listen there: {error.strerror or error}") from None
+PAUSE_S = 1.0
+
+
+class OpcuaChannel:
+    """A `Channel`. It owes nothing: whoever reads later reads what holds then."""
+
+    name = "opcua"
+
+    def __init__(self, settings: OpcuaSettings, surroundings: Surroundings) -> None:
+        self._settings, self._arms = settings, surroundings.arms
+        self._folder = surroundings.plant.folder
+        self._who = identity(settings, self._folder, surroundings.plant.directory)
+        self._server: ConditionServer | None = None
+        self._known: dict[ArmName, tuple[ArmState, ArmFigures]] = {}
+        self._left_out = 0
+
+    def offer(self, transition: Transition) -> Sequence[Delivery]:  # noqa: ARG002 - of Channel
+        """Nothing is owed."""
+        return ()
+
+    def status(self) -> str:
+        """For `gateway status`."""
+        if self._server is None:
+            return "not listening"
+        more = f"; {self._left_out} arms are left out: see opcua.most_arms and opcua.sites" if self._left_out else ""
+        return f"{len(self._known)} arms at {self._settings.url(self._who.host)}, {self._server.clients} clients{more}"
+
+    def step(self, now_unix_s: float) -> float:
+        """Serve what has changed; the first step starts the server. Raises BadInput, NotReached."""
+        if self._server is None:
+            self._server = ConditionServer(self._settings, self._folder, self._who)
+        states = self._arms()
+        if not states:  # the plant's database was not read yet
+            return PAUSE_S
+        wanted = sorted(name for name in states if not self._settings.sites or name.site in self._settings.sites)
+        served, left_out = wanted[: self._settings.most_arms], len(wanted) - self._settings.most_arms
+        if max(left_out, 0) != self._left_out:
+            self._left_out = max(left_out, 0)
+            if self._left_out:
+                log.warning("opcua: %d of %d arms are left out: see most_arms and sites", self._left_out, len(wanted))
+        known = {}
+        for name in served:
+            before = self._known.get(name)
+            known[name] = before if before is not None and before[0] is states[name] else (states[name], figures(states[name]))
+        self._known = known
+        try:
+            _, complete = self._server.put([each for _, each in known.values()], now_unix_s)
+        except NotReached:
+            self.close()  # the next step starts another one
+            raise
+        return PAUSE_S if complete else 0.0
+
+    def close(self) -> None:
+        """End the server."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.close()

@@ -1,4 +1,4 @@
-"""Tickets as a channel: each alert opens one, and what happens to the alert afterwards happens to its ticket. I/O.
+"""Tickets as a channel: each alert opens one, and what happens to the alert afterwards happens to its ticket. JSON over HTTP. I/O.
 
 A request that may have arrived without its answer is repeated with the same Idempotency-Key. Where the maintenance system keeps no such
 keys, `find_url` asks it first whether the ticket is there.
@@ -7,17 +7,32 @@ keys, `find_url` asks it first whether the ticket is there.
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo
+
+import orjson
 
 from monitor.errors import MonitorError
 from monitor.gateway.channel import Surroundings
+from monitor.gateway.connection import (
+    LARGEST,
+    Answer,
+    HttpClient,
+    NotReached,
+    Refused,
+    Steps,
+    believed,
+    dial,
+    http_reason,
+    needs,
+    retry_after_s,
+)
+from monitor.gateway.notify.messages import headline
 from monitor.gateway.notify.routing import document_of
-from monitor.gateway.notify.texts import headline
 from monitor.gateway.outbox import DELIVERED, OWED, Owed
-from monitor.gateway.tickets.rest import Rest, TicketRefused
-from monitor.gateway.tickets.settings import TicketSettings
-from monitor.gateway.tickets.template import filled, filled_address, pointed
+from monitor.gateway.tickets.settings import TicketSettings, filled, filled_address, pointed
 from monitor.gateway.values import CLEARED, GRAVER, Delivery, Transition, page_of
 from monitor.plant.links import ArmName
 from monitor.publish.timestamps import rfc3339
@@ -117,7 +132,7 @@ class Tickets:
             values = self._values(owed) | {"number": number}
             self._rest.send(method, filled_address(url, values), filled(fields, values), f"{owed.document['key']}-{owed.id}")
             outbox.delivered([owed.id], {"number": number})
-        except TicketRefused as refused:
+        except Refused as refused:
             why = self._surroundings.scrub(str(refused))
             self._failing = why
             outbox.failed([owed], why, dead_after_s=self._settings.give_up_days * DAY_S, wait_s=refused.wait_s)
@@ -183,3 +198,89 @@ def key_of(alert_id: str) -> str:
 def _number(found: Any) -> str | None:
     """A ticket's number as text."""
     return str(found) if isinstance(found, str | int) and not isinstance(found, bool) and str(found) else None
+
+
+REFUSED_WAIT_S = 300.0  # until a request that was refused is repeated: a person has to change something
+
+
+class NotAllowed(Refused):
+    """The maintenance system answers with a status that says no."""
+
+    def __init__(self, text: str, status: int, wait_s: float) -> None:
+        super().__init__(text, wait_s)
+        self.step = "authentication" if status == 401 else "authorisation"
+
+
+class Rest:
+    """One maintenance system; its connection lasts a step."""
+
+    def __init__(self, settings: TicketSettings, folder: Path) -> None:
+        """Raises BadInput where ca_file is no certificate, BadConfiguration where httpx is absent."""
+        needs("httpx", "tickets: requests")
+        self._context = believed(settings.ca_file, folder, "tickets")
+        self._headers = {"User-Agent": "joint-monitor", "Accept": "application/json", **settings.headers}
+        if settings.authorization:
+            self._headers["Authorization"] = settings.authorization
+        self._client: HttpClient | None = None
+
+    def send(self, method: str, url: str, body: Any, key: str) -> tuple[Any, str]:
+        """The answer, and the address that it names. Raises Refused, MonitorError where nobody answers."""
+        content = orjson.dumps(body)
+        answer = self._request(method, url, {"Content-Type": "application/json", "Idempotency-Key": key}, content)
+        return _json(answer), answer.headers.get("location", "")
+
+    def ask(self, url: str) -> Any:
+        """The answer to a question; None where there is nothing. Raises Refused, MonitorError where nobody answers."""
+        answer = self._request("GET", url, {}, None, nothing=(404, 410))
+        return _json(answer) if answer.is_success else None
+
+    def try_it(self, settings: TicketSettings, steps: Steps) -> None:
+        """Up to whether the maintenance system lets us in; nothing is opened there. Raises NotReached."""
+        where = urlsplit(settings.open_url)
+        safe = where.scheme == "https"
+        dial(where.hostname or "", where.port or (443 if safe else 80), steps, self._context if safe else None).close()
+        if not safe:
+            steps.say("tls", "none, as open_url says: everybody on the way can read requests and authorization")
+        if not settings.check_url:
+            steps.say("authorisation", "not asked: check_url names an address that may be read, e.g. that of one ticket")
+            return
+        try:
+            self.ask(settings.check_url)
+        except NotAllowed as refused:
+            raise NotReached(refused.step, f"{refused}: look at authorization, and at what it may do") from None
+        except MonitorError as error:
+            raise NotReached("http", str(error)) from None
+        steps.say("authorisation", "check_url is answered")
+
+    def close(self) -> None:
+        """Close the connection."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+
+    def _request(self, method: str, url: str, headers: dict[str, str], content: bytes | None, nothing: tuple[int, ...] = ()) -> Answer:
+        import httpx
+
+        if self._client is None:
+            self._client = HttpClient(self._context, self._headers)
+        try:
+            answer = self._client.request(method, url, headers, content)
+        except (httpx.ConnectError, httpx.ConnectTimeout) as error:
+            raise MonitorError(f"the maintenance system: {http_reason(error)}") from None
+        except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
+            # it may be this request that it does not survive, and the others shall get through
+            raise Refused(f"the maintenance system: {http_reason(error)}", 0.0) from None
+        if answer.is_success or answer.status in nothing:
+            return answer
+        said = " ".join(answer.text[:300].split())
+        text = f"the maintenance system answers {answer}: {said}".rstrip(": ")
+        wait_s = max(retry_after_s(answer.headers.get("retry-after")), REFUSED_WAIT_S if answer.status < 500 else 0.0)
+        raise NotAllowed(text, answer.status, wait_s)
+
+
+def _json(answer: Answer) -> Any:
+    """The document of an answer; None where it is none: the ticket is there all the same."""
+    try:
+        return orjson.loads(answer.content) if 0 < len(answer.content) <= LARGEST else None
+    except orjson.JSONDecodeError:
+        return None

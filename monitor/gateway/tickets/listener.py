@@ -1,9 +1,11 @@
 """Where acknowledgements of the maintenance system come in: signed webhooks, each carried out once. I/O.
 
-A request is signed as our own messages are (`monitor.gateway.signing`); the arm itself carries it out, and the audit names who asked.
+A request is signed as our own messages are (`monitor.gateway.connection`); the arm itself carries it out, and the audit names who asked.
 """
 
 import asyncio
+import errno
+import socket
 import threading
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
@@ -15,18 +17,20 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from monitor.errors import BadInput, StoreError
-from monitor.gateway.channel import Surroundings
+from monitor.gateway.channel import Channel, Surroundings
+from monitor.gateway.connection import Finding, NotReached, Steps, attempted, verified
 from monitor.gateway.outbox import DELIVERED
-from monitor.gateway.signing import verified
-from monitor.gateway.tickets.channel import OPEN
+from monitor.gateway.tickets.channel import OPEN, Rest, Tickets
 from monitor.gateway.tickets.settings import TicketSettings
 from monitor.gateway.values import Delivery, Transition
 from monitor.plant.links import ArmName
 from monitor.plant.pull import read_document
 from monitor.plant.screen.people import role_named
+from monitor.plant.settings import PlantConfiguration
 from monitor.publish.documents import Who, Why
 from monitor.views.web.app import read_body
 from monitor.views.web.server import WebServer
+from monitor.views.web.settings import address_of
 
 PATH = "/acknowledge"
 LONGEST_NAME = 200  # letters of a webhook-id
@@ -67,8 +71,7 @@ class Listener:
     def step(self, now_unix_s: float) -> float:  # noqa: ARG002 - of Channel
         """The first one begins to serve; the server has threads of its own. Raises BusError where the address is taken."""
         if self._server is None:
-            host, _, port = self._settings.listen.rpartition(":")
-            server = WebServer(self._settings.listen, host.strip("[]"), int(port), "acknowledgements")
+            server = WebServer(self._settings.listen, *address_of(self._settings.listen, "tickets"), "acknowledgements")
             server.serve(Starlette(routes=[Route(PATH, self._acknowledge, methods=["POST"])]), threading.Event())
             self._server = server
         return 60.0
@@ -115,7 +118,7 @@ class Listener:
             except BadInput as error:
                 return self._refused(wanted.by, str(error), 409)
             try:
-                self._surroundings.acts.do(arm, "ack", document, who=wanted.by, role=self._role, via="tickets")
+                self._surroundings.commands.send(arm, "ack", document, who=wanted.by, role=self._role, via="tickets")
             except BadInput as error:
                 return JSONResponse({"error": str(error)}, status_code=409)
             answer = {"robot": str(arm), "joint": document["joint"], "condition": document["condition"]}
@@ -125,7 +128,7 @@ class Listener:
 
     def _refused(self, who: str, why: str, code: int) -> Response:
         """Say it, and note it: whoever looks for a lost acknowledgement finds it in the audit."""
-        self._surroundings.acts.note(who, "ack", None, f"by tickets: refused: {why}")
+        self._surroundings.commands.audit(who, "ack", None, f"by tickets: refused: {why}")
         return JSONResponse({"error": why}, status_code=code)
 
     def _alert(self, wanted: Acknowledge) -> tuple[ArmName, dict[str, Any]]:
@@ -139,3 +142,37 @@ class Listener:
         if not (wanted.site and wanted.robot and wanted.condition):
             raise BadInput("expected ticket, or site, robot and condition, with joint where it is one joint's")
         return ArmName(wanted.site, wanted.robot), {"joint": wanted.joint, "condition": wanted.condition, "why": wanted.why}
+
+
+def channels(settings: TicketSettings, surroundings: Surroundings) -> Sequence[Channel]:
+    """The tickets, and what listens for acknowledgements where it is configured. Raises BadInput, BadConfiguration without httpx."""
+    return [Tickets(settings, surroundings), *([Listener(settings, surroundings)] if settings.listen else [])]
+
+
+def check(settings: TicketSettings, plant: PlantConfiguration) -> Sequence[Finding]:
+    """How far tickets get, and whether acknowledgements can be listened for. No ticket is opened."""
+
+    def walk(steps: Steps) -> None:
+        rest = Rest(settings, plant.folder)
+        try:
+            rest.try_it(settings, steps)
+        finally:
+            rest.close()
+
+    return [
+        *attempted("tickets", walk),
+        *(attempted("acknowledgements", lambda steps: _try_address(settings, steps)) if settings.listen else []),
+    ]
+
+
+def _try_address(settings: TicketSettings, steps: Steps) -> None:
+    """Whether somebody could listen there. Raises NotReached."""
+    host, port = address_of(settings.listen, "tickets")
+    try:
+        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise NotReached("address", f"{settings.listen}: {error.strerror}: is it an address of this host?") from None
+        steps.say("address", f"{settings.listen}: {error.strerror}: the gateway that runs has it, or another program")
+        return
+    steps.say("address", f"{settings.listen} is free: the gateway does not run yet")

@@ -12,11 +12,10 @@ import sqlalchemy as sa
 
 from monitor import __version__
 from monitor.errors import StoreError
+from monitor.plant.arm import ArmStatus
 from monitor.plant.database import Database
-from monitor.plant.ranking import ArmStatus
-from monitor.plant.status import arm_document, plant_status
+from monitor.plant.status import arm_document, open_tickets, plant_status
 from monitor.plant.tables import arm, friction, last_value
-from monitor.plant.tickets import open_tickets
 from monitor.publish.timestamps import rfc3339
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""Arms, their histories, their last values, and the audit."""
+"""Arms, their histories, their last values, the audit, and what `joint-monitor gateway` owes."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -19,6 +19,8 @@ FIGURES = (
     *("wear_rate_std_per_day", "revolutions", "replay_torque_nm", "replay_torque_std_nm"),
     *("trend_probability", "p10_days", "p50_days", "p90_days"),
 )
+KEY = "arm, history, joint, recorded_at, replay"
+SHOWN = "reference_torque_nm, reference_torque_std_nm, wear, wear_std, temperature_c"  # what the course of a joint shows
 
 
 def upgrade() -> None:
@@ -93,6 +95,34 @@ def upgrade() -> None:
     op.create_table(
         "note", sa.Column("key", sa.Text, primary_key=True), sa.Column("at", At, nullable=False), sa.Column("document", Document)
     )
+    op.create_table(
+        "gateway_cursor",
+        sa.Column("arm", sa.BigInteger, primary_key=True, autoincrement=False),
+        sa.Column("history", sa.Integer, primary_key=True, autoincrement=False),
+        sa.Column("seq", sa.BigInteger, nullable=False),
+    )
+    op.create_table(
+        "delivery",
+        sa.Column("id", Counter, primary_key=True),
+        sa.Column("key", sa.Text, nullable=False, unique=True),
+        sa.Column("channel", sa.Text, nullable=False),
+        sa.Column("recipient", sa.Text, nullable=False),
+        sa.Column("kind", sa.Text, nullable=False),
+        sa.Column("robot", sa.Text),
+        sa.Column("document", Document, nullable=False),
+        sa.Column("made_at", At, nullable=False),
+        sa.Column("due_at", At, nullable=False),
+        sa.Column("state", sa.Text, nullable=False),
+        sa.Column("message", sa.Text),
+        sa.Column("attempts", sa.Integer, nullable=False),
+        sa.Column("ended_at", At),
+        sa.Column("error", sa.Text),
+        sa.Column("answer", Document),
+    )
+    op.create_index("delivery_owed", "delivery", ["channel", "state", "due_at"])
     if op.get_bind().dialect.name == "postgresql":  # for times that no clock of ours should have: nothing is refused
         op.execute("CREATE TABLE transition_other PARTITION OF transition DEFAULT")
         op.execute("CREATE TABLE friction_other PARTITION OF friction DEFAULT")
+        # the course of one joint is read from the index alone; its rows lie scattered, one a day between those of all other arms
+        op.execute("ALTER TABLE friction DROP CONSTRAINT friction_pkey")
+        op.execute(f"ALTER TABLE friction ADD PRIMARY KEY ({KEY}) INCLUDE ({SHOWN})")

@@ -1,4 +1,4 @@
-"""Acts that come back through the gateway: an alert is acknowledged by a ticket or a button. The arm itself carries them out. I/O.
+"""Commands that come back through the gateway: an alert is acknowledged by a ticket or a button. The arm itself carries them out. I/O.
 
 They go to the arm's own commands, as the plant's screen sends them; a role is asked for, and every act and refusal is a line of the audit.
 """
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 WAIT_S = 5.0  # for a router, by the first act
 
 
-class Acts:
+class Commands:
     """Sends commands to arms. The first one opens the ways to them. Several threads may use it."""
 
     def __init__(self, database: Database, connect: Sequence[str], zenoh_file: str, now: Callable[[], float]) -> None:
@@ -36,7 +36,7 @@ class Acts:
                 link.close()
             self._links = []
 
-    def do(self, arm: ArmName, command: str, document: Mapping[str, Any], *, who: str, role: Role | None, via: str) -> dict[str, Any]:
+    def send(self, arm: ArmName, command: str, document: Mapping[str, Any], *, who: str, role: Role | None, via: str) -> dict[str, Any]:
         """Send a command in somebody's name. Returns the arm's answer. Raises BadInput where it is refused, or nobody answers.
 
         who : for the audit and the alert. role : that of whoever asks; None: he has none. via : by which channel it came.
@@ -51,12 +51,12 @@ class Acts:
             refuse_doubled(self._database, arm.site, arm.robot)
             answer = command_arm(self._way(arm), arm, f"cmd/{command}", {**document, "by": who})
         except BadInput as error:
-            self.note(who, command, str(arm), f"by {via}: {about}: refused: {error}")
+            self.audit(who, command, str(arm), f"by {via}: {about}: refused: {error}")
             raise
-        self.note(who, command, str(arm), f"by {via}: {about}" if about else f"by {via}")
+        self.audit(who, command, str(arm), f"by {via}: {about}" if about else f"by {via}")
         return answer
 
-    def note(self, who: str, act: str, robot: str | None, text: str) -> None:
+    def audit(self, who: str, act: str, robot: str | None, text: str) -> None:
         """One line of the audit; it also stands in the journal, where the database may be away."""
         log.info("audit who=%r act=%s robot=%s: %s", who, act, robot, text)
         try:

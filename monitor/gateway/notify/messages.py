@@ -1,0 +1,319 @@
+"""What a message says: a subject that decides, a sentence for each transition, what to do, and a link. No I/O, no clock."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from typing import Any, NamedTuple
+from zoneinfo import ZoneInfo
+
+from monitor import __version__
+from monitor.gateway.channel import Surroundings
+from monitor.gateway.notify.routing import ALREADY, ESCALATION, FLEET, REPORT, NotifySettings, RecipientSettings, Route, time_of_day
+from monitor.gateway.outbox import Owed
+from monitor.gateway.values import ACTIVE, CLEARED, ENDED, GRAVER, MILDER, RAISED, ArmState, Delivery, Transition, gravity, page_of
+from monitor.views.alert_sentence import JointPast, sentences
+from monitor.views.language.catalogue import Language, full_day, moment
+from monitor.views.report.html import Markup, escaped, heading, page, paragraph, table
+
+N_ = str  # marks a text for the catalogue
+LISTED = 50  # transitions that a message tells in full; of each further one it has a line
+TIERS = {"advisory": N_("advisory"), "wear": N_("wear"), "limit": N_("limit")}
+KINDS = {
+    RAISED: N_("raised"),
+    GRAVER: N_("graver than before"),
+    MILDER: N_("milder than before"),
+    CLEARED: N_("over"),
+    ACTIVE: N_("active already"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """One message, for every way."""
+
+    name: str  # the same one where it is sent again
+    kind: str
+    recipient: str
+    subject: str
+    text: str
+    made_at_unix_s: float
+    transitions: tuple[Mapping[str, Any], ...] = ()
+    attachments: tuple[tuple[str, str, str], ...] = field(default=())  # name, subtype of text/, content
+
+
+def alert_message(
+    kind: str, transitions: Sequence[Mapping[str, Any]], say: Language, zone: ZoneInfo, link: str, escalate_days: float = 0.0
+) -> tuple[str, str]:
+    """Subject and text about these transitions, the gravest first."""
+    ordered = sorted(transitions, key=lambda each: (each["kind"] == CLEARED, -gravity(str(each["tier"])), each["site"], each["robot"]))
+    arms = list(dict.fromkeys(f"{each['site']}/{each['robot']}" for each in ordered))
+    first = ordered[0]
+    if kind == FLEET:
+        condition = say.word(str(first["condition"]))
+        subject = say.say("{count} arms, one cause? {condition}", count=len(arms), condition=condition)
+        opening = say.say(
+            "The same has come to {count} arms: look first for what they share (temperature, supply, a common change). "
+            "Of this condition you get at most one message a day.",
+            count=len(arms),
+        )
+    elif kind == ESCALATION:
+        subject = say.say("Nobody has acknowledged: {what}", what=_title(first, say, len(ordered)))
+        opening = say.say("Nobody has acknowledged this for {days} days.", days=f"{escalate_days:g}")
+    elif kind == ALREADY:
+        subject = say.say("Active already: {what}", what=_title(first, say, len(ordered)))
+        opening = say.say(
+            "This was raised before anybody could be told, and nobody has acknowledged it. From now on you are told of changes."
+        )
+    else:
+        subject, opening = _title(first, say, len(ordered)), ""
+    parts = [opening] if opening else []
+    parts += ["\n".join(_paragraph(each, say, zone, link)) for each in ordered[:LISTED]]
+    if len(ordered) > LISTED:  # nobody reads so many, and nothing may be missing
+        parts.append("\n".join(_line(each, say, zone) for each in ordered[LISTED:]))
+    if link and len(arms) > 1:
+        parts.append(say.say("All arms: {link}", link=f"{link}/"))
+    return one_line(subject), "\n\n".join(parts) + "\n"
+
+
+def _title(first: Mapping[str, Any], say: Language, count: int) -> str:
+    mark = say.say(TIERS.get(first["tier"], first["tier"])) if first["kind"] != CLEARED else say.say("over")
+    title = f"[{mark}] {first['site']}/{first['robot']}: {headline(first, say)}"
+    return title if count == 1 else say.say("{title} (and {count} more)", title=title, count=count - 1)
+
+
+def headline(transition: Mapping[str, Any], say: Language) -> str:
+    """The sentence that an alert leads with; the arm's own text where its document lacks what that needs."""
+    return _sentences(transition, say)[0]
+
+
+def _sentences(transition: Mapping[str, Any], say: Language) -> tuple[str, str]:
+    """What is the case, and what to do."""
+    event = {"active": transition["after"] != ENDED, "action": "", "text": "", **transition["event"]}
+    try:
+        found = sentences(event, JointPast(), float(transition["at_unix_s"]), say)
+    except (KeyError, TypeError, ValueError):
+        return say.at(event, "text") or say.word(str(transition["condition"])), say.at(event, "action")
+    return found.headline, found.due
+
+
+def _paragraph(each: Mapping[str, Any], say: Language, zone: ZoneInfo, link: str) -> Iterable[str]:
+    what, action = _sentences(each, say)
+    yield f"{each['site']}/{each['robot']}: {what}"
+    tier = say.say(TIERS.get(each["tier"], each["tier"]))
+    kind = say.say(KINDS.get(each["kind"], each["kind"]))
+    yield say.say("Tier {tier}, {kind}, {at}.", tier=tier, kind=kind, at=local(float(each["at_unix_s"]), zone))
+    text = say.at({"text": each["text"], **each["event"]}, "text")
+    if text and text != what:
+        yield text
+    if action and each["kind"] != CLEARED:
+        yield say.say("To do: {action}", action=action)
+    if page := page_of(link, each["site"], each["robot"], each["condition"]):
+        yield page
+
+
+def _line(each: Mapping[str, Any], say: Language, zone: ZoneInfo) -> str:
+    tier, kind = say.say(TIERS.get(each["tier"], each["tier"])), say.say(KINDS.get(each["kind"], each["kind"]))
+    return f"{each['site']}/{each['robot']}: {_sentences(each, say)[0]} [{tier}, {kind}, {local(float(each['at_unix_s']), zone)}]"
+
+
+def local(unix_s: float, zone: ZoneInfo) -> str:
+    """A time as clocks of the time zone show it."""
+    return f"{datetime.fromtimestamp(unix_s, zone):%Y-%m-%d %H:%M %Z}"
+
+
+def one_line(text: str) -> str:
+    """The text without line ends and control letters: it stands in a header."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:200]
+
+
+# --- the report of a plant: all arms, the worst first, and what has happened in a period; one page that can be printed
+
+SICK = ("FAILURE", "MAINTENANCE_REQUIRED")
+ORDER = (*SICK, "OFF_SPEC", "CHECK_FUNCTION", None, "NORMAL")
+LISTED_IN_MAIL = 20  # arms and changes in the text of the mail; the page has all
+ROWS = 2000  # changes on the page
+
+
+class PlantPage(NamedTuple):
+    """The page, and what the mail says in its text."""
+
+    html: str
+    lines: list[str]
+    sick: int
+
+
+def plant_page(
+    arms: Sequence[ArmState],
+    changes: Sequence[Transition],
+    begin_unix_s: float,
+    end_unix_s: float,
+    at_unix_s: float,
+    say: Language,
+    zone: ZoneInfo,
+    link: str = "",
+) -> PlantPage:
+    """The report of these arms. changes : transitions of the period, the oldest first."""
+    ordered = sorted(arms, key=_rank)
+    sick = [arm for arm in ordered if arm.health.get("state") in SICK]
+    subtitle = say.say(
+        "{begin} to {end}; made on {made} by joint-monitor {version}. Times are {zone}.",
+        begin=full_day(begin_unix_s, say),
+        end=full_day(end_unix_s, say),
+        made=moment(at_unix_s, say),
+        version=__version__,
+        zone=str(zone),
+    )
+    told = [each for each in changes if each.changes_tier]
+    parts = [paragraph(_counts(arms, say), "lead"), heading(say.say("Arms, the worst first"))]
+    columns = [say.say(title) for title in ("Arm", "State", "Since", "Active alerts", "Heard")]
+    parts.append(table(columns, [_arm_row(arm, say, zone, link) for arm in ordered]))
+    parts.append(heading(say.say("What has changed")))
+    if told:
+        columns = [say.say(title) for title in ("When", "Arm", "What", "Tier", "Change")]
+        parts.append(table(columns, [_change_row(each, say, zone) for each in told[-ROWS:]]))
+    else:
+        parts.append(paragraph(say.say("Nothing: no alert was raised, changed or cleared.")))
+    lines = [_counts(arms, say)]
+    shown = [f"  {arm.name}: {say.at(arm.health, 'why')}" for arm in sick[:LISTED_IN_MAIL]]
+    lines += ["\n".join(shown)] if shown else []
+    lines.append(say.say("{count} changes of alerts.", count=len(told)))
+    return PlantPage(page(say.say("Report of the plant"), subtitle, parts, say.code), lines, len(sick))
+
+
+def _rank(arm: ArmState) -> tuple[int, int, str]:
+    state = arm.health.get("state")
+    return ORDER.index(state) if state in ORDER else len(ORDER), -len(arm.alerts), str(arm.name)
+
+
+def _counts(arms: Sequence[ArmState], say: Language) -> str:
+    sick = sum(arm.health.get("state") in SICK for arm in arms)
+    silent = sum(arm.silent_since_unix_s is not None for arm in arms)
+    waiting = sum(not alert.get("acknowledged_at") for arm in arms for alert in arm.alerts)
+    return say.say(
+        "{arms} arms: {sick} need somebody, {silent} are silent; {waiting} alerts wait for a person.",
+        arms=len(arms),
+        sick=sick,
+        silent=silent,
+        waiting=waiting,
+    )
+
+
+def _arm_row(arm: ArmState, say: Language, zone: ZoneInfo, link: str) -> list[object]:
+    state = arm.health.get("state")
+    kind = "bad" if state in SICK else "good" if state == "NORMAL" else "warn"
+    alerts = "".join(
+        f"<div>{escaped(_alert(alert, say))}</div>" for alert in sorted(arm.alerts, key=lambda each: -gravity(str(each.get("tier"))))
+    )
+    name = escaped(arm.name)
+    if arm.silent_since_unix_s is not None:
+        heard = say.say("silent since {at}", at=local(arm.silent_since_unix_s, zone))
+    else:
+        heard = local(max(arm.heard_at_unix_s.values()), zone) if arm.heard_at_unix_s else "–"
+    return [
+        Markup(f'<a href="{escaped(link)}/arms/{name}/">{name}</a>') if link else str(arm.name),
+        Markup(f'<span class="chip {kind}">{escaped(say.word(str(state)) if state else "–")}</span>'),
+        str(arm.health.get("since") or "–")[:10],
+        Markup(alerts or "–"),
+        heard,
+    ]
+
+
+def _alert(alert: Any, say: Language) -> str:
+    tier = say.say(TIERS.get(str(alert.get("tier")), str(alert.get("tier"))))
+    seen = "" if alert.get("acknowledged_at") else f" ({say.say('waits for a person')})"
+    return f"{tier}: {say.at(alert, 'text') or say.word(str(alert.get('condition')))}{seen}"
+
+
+def _change_row(each: Transition, say: Language, zone: ZoneInfo) -> list[object]:
+    what = {
+        "at_unix_s": each.at_unix_s,
+        **{"after": each.after, "event": each.document, "text": each.text, "condition": each.condition},
+    }
+    return [
+        local(each.at_unix_s, zone),
+        str(each.arm),
+        headline(what, say),
+        say.say(TIERS.get(each.tier, each.tier)),
+        say.say(KINDS.get(each.kind, each.kind)),
+    ]
+
+
+# --- the weekly and the monthly report: when each is due, and its message; I/O through the outbox alone
+
+TITLES = {
+    "weekly": N_("Weekly report of {count} arms: {sick} need somebody"),
+    "monthly": N_("Monthly report of {count} arms: {sick} need somebody"),
+}
+
+
+class Periods:
+    """The reports of all recipients."""
+
+    def __init__(self, settings: NotifySettings, ways: Sequence[Route], surroundings: Surroundings) -> None:
+        self._settings, self._surroundings = settings, surroundings
+        self._routes = [route for route in ways if route.recipient.reports]
+        self._began_unix_s: float | None = None
+        self._owed: set[str] = set()  # known to be in the outbox
+
+    def owe(self, now_unix_s: float) -> None:
+        """Owe the newest report of each period that has ended since there is a gateway. Raises StoreError."""
+        if not self._routes:
+            return
+        outbox = self._surroundings.outbox
+        if self._began_unix_s is None:
+            self._began_unix_s = outbox.began_unix_s()
+        new = []
+        for address, recipient in self._routes:
+            for period in recipient.reports:
+                begin, end = last_period(period, self._settings, recipient, now_unix_s)
+                key = f"{address}/report/{period}/{int(end)}"
+                if end < self._began_unix_s or key in self._owed:
+                    continue
+                document = {"period": period, "from_unix_s": begin, "to_unix_s": end}
+                new.append(Delivery(key=key, recipient=address, kind=REPORT, document=document, due_at_unix_s=end))
+        outbox.owe("mail", new)
+        self._owed |= {each.key for each in new}
+
+    def message(self, name: str, owed: Owed, at_unix_s: float, say: Language, zone: ZoneInfo) -> Message:
+        """The report as it is now: an arm's last words count, and the transitions of the period."""
+        begin, end = float(owed.document["from_unix_s"]), float(owed.document["to_unix_s"])
+        arms = list(self._surroundings.arms().values())
+        changes = self._surroundings.transitions(begin, end)
+        wishes = next(route.recipient for route in self._routes if route.address == owed.recipient)
+        arms = [arm for arm in arms if _concerns(wishes, arm)]
+        changes = [each for each in changes if wishes.concerns(each.arm.site, each.arm.robot, each.condition)]
+        content = plant_page(arms, changes, begin, end, at_unix_s, say, zone, self._surroundings.link)
+        subject = say.say(TITLES[str(owed.document["period"])], count=len(arms), sick=content.sick)
+        period = f"{full_day(begin, say)} – {full_day(end, say)}"
+        text = "\n\n".join([f"{subject}.", period, *content.lines, say.say("The page is attached; it can be printed.")]) + "\n"
+        file_name = f"joint-monitor-{owed.document['period']}-{datetime.fromtimestamp(end, zone):%Y-%m-%d}.html"
+        return Message(
+            name=name,
+            kind=REPORT,
+            recipient=owed.recipient,
+            subject=one_line(subject),
+            text=text,
+            made_at_unix_s=at_unix_s,
+            attachments=((file_name, "html", content.html),),
+        )
+
+
+def last_period(period: str, settings: NotifySettings, recipient: RecipientSettings, now_unix_s: float) -> tuple[float, float]:
+    """Begin and end of the newest week or month that has ended, in the recipient's time zone."""
+    zone = settings.zone_of(recipient)
+    at = time_of_day(settings.report_at, "report_at")
+    today = datetime.fromtimestamp(now_unix_s, zone)
+    day = today.date() - timedelta(days=today.weekday()) if period == "weekly" else today.date().replace(day=1)
+
+    def before(each: Any) -> Any:
+        return each - timedelta(days=7) if period == "weekly" else (each - timedelta(days=1)).replace(day=1)
+
+    if datetime.combine(day, at, zone).timestamp() > now_unix_s:
+        day = before(day)
+    return datetime.combine(before(day), at, zone).timestamp(), datetime.combine(day, at, zone).timestamp()
+
+
+def _concerns(recipient: RecipientSettings, arm: ArmState) -> bool:
+    return recipient.concerns(arm.name.site, arm.name.robot, "") or any(
+        recipient.concerns(arm.name.site, arm.name.robot, str(alert.get("condition"))) for alert in arm.alerts
+    )
