@@ -66,7 +66,7 @@ def test_files_that_a_page_links_to_are_copied_to_the_site(site):
 
 def test_a_new_card_keeps_the_text_below_it(tmp_path):
     """`make card` writes its own part of the page, and the page has the other part."""
-    from tests.evidence.card import END, HEAD, TARGET, beside
+    from evidence.card import END, HEAD, TARGET, beside
 
     page = (ROOT / TARGET).read_text("utf-8")
     card, _, rest = page.partition(END)

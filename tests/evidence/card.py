@@ -17,8 +17,9 @@ from monitor.studies.figures import Share, at_least_one
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, Kind, detected, rehearse
-from tests.evidence.torque import study_arm, summary, surrogate
-from tests.evidence.worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
+
+from .torque import study_arm, summary, surrogate
+from .worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 
 TARGET = Path("docs/validation.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"

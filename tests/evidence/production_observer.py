@@ -27,7 +27,8 @@ from monitor.studies.figures import DAYS_A_YEAR, at_least_one
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, FleetSettings, Morning, Wear
 from monitor.studies.rehearsal.play import COMPARABLE
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, days_to_play, onsets
-from tests.evidence.production import (
+
+from .production import (
     DAILY_UNTIL,
     PER_YEAR,
     PLANS,

@@ -8,7 +8,8 @@ from monitor.judge.assess import AssessSettings
 from monitor.studies.figures import at_least_one
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import COUNTED, play_world, world_line
-from tests.evidence.informed import informed_beside
+
+from .informed import informed_beside
 
 
 def main() -> None:

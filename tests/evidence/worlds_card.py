@@ -9,7 +9,8 @@ import numpy as np
 from monitor.judge.assess import AssessSettings
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import play_world
-from tests.evidence.informed import informed_beside
+
+from .informed import informed_beside
 
 DAYS = 1095  # of every healthy arm
 ARMS = 40  # healthy ones of each world that goals are set for: 113 robot-years, so that 5 events prove 0.1 a year

@@ -506,11 +506,11 @@ VERDICTS: dict[str, tuple[str, ...]] = {  # how they are found, kept and explain
     ),
     "worlds of a rehearsal": (
         "studies/test_worlds.py::test_a_plain_world_is_judged_and_its_document_is_plain_json",
-        "studies/test_worlds.py::test_every_world_of_the_card_has_arms",
+        "evidence/test_card.py::test_every_world_of_the_card_has_arms",
     ),
     "the performance card": (
-        "studies/test_worlds.py::test_the_card_has_a_row_a_world_with_its_goals",
-        "studies/test_rehearsal.py::test_the_card_marks_what_was_not_reached",
+        "evidence/test_card.py::test_the_card_has_a_row_a_world_with_its_goals",
+        "evidence/test_card.py::test_the_card_marks_what_was_not_reached",
     ),
 }
 

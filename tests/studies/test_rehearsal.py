@@ -1,6 +1,5 @@
 """A small fleet: how many false alerts there are, and how soon wear is detected. The large fleet is in the soak tests and on the card."""
 
-import importlib
 import json
 from dataclasses import replace
 
@@ -21,7 +20,6 @@ from monitor.studies.rehearsal import rehearse as detection
 from monitor.studies.rehearsal.fleet import SCENARIOS, WITHIN_SHARE, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.rehearse import Covered, Kind, Reported, delay, detection_row, false_alarms, life, onsets, rehearse
-from tests.evidence.card import card, notes
 
 NOTHING = Covered(float("nan"), float("nan"))
 ASSESS = AssessSettings()
@@ -154,78 +152,6 @@ def test_wear_played_in_groups_gives_one_answer(monkeypatch):
     assert np.array_equal(onset, [0, 1, 2, 10, 11, 12])
 
 
-def test_the_card_marks_what_was_not_reached():
-    """It contains every figure, and marks one beyond its limit."""
-    share = {"hits": 10.0, "of": 10.0}
-    wear = onsets(12, 1, step=0.05, latest=70)
-    delays = delay(Reported.of(play(FleetSettings(arms=12, days=80, seed=3, scenarios=COMPARABLE), ASSESS, wear), wear))
-    rows = [detection_row(name, 0.05, 0.1, delays, Covered(0.9, 0.9)) for name in ("5 % step", "10 %/year")]
-    document = {
-        "robot_years": 100.0,
-        "learning_days": 60,
-        "between_std": 0.02,
-        "autocorrelation": 0.5,
-        "false_alarms": {"all": {"events": 30, "robot_years": 100.0, "per_year": 0.3, "at_most": 0.41}},
-        "false_wear_alerts": 1,
-        "while_learning": {"events": 2, "robot_years": 16.4, "per_year": 0.122, "at_most": 0.38},
-        "friction_interval_90": {"value": 0.9, "at_least": 0.898, "at_most": 0.902},
-        "slope_left_per_k": {"value": 0.0002, "at_least": 0.00018, "at_most": 0.00022, "nine_of_ten": 0.0005},
-        "detection": rows,
-        "remaining_life": {
-            "p10_p90_holds": {**share, "share": 1.0, "at_least": 0.74, "at_most": 1.0},
-            "alpha_lambda_at_half_life": {**share, "share": 1.0, "at_least": 0.74},
-            "by_path": [
-                {
-                    "path": "exponential",
-                    "at_share_of_life": 0.75,
-                    "asked": 12,
-                    "no_trend": 2,
-                    "p10_p90_holds": {**share, "share": 1.0, "at_least": 0.74, "at_most": 1.0},
-                    "p50_over_truth": 1.2,
-                }
-            ],
-        },
-    }
-    torque = {
-        "arms": 5,
-        "ratio": {"value": 0.32, "at_least": 0.3, "at_most": 0.34},
-        "ratio_by_joint": [0.3, 0.6],
-        "ratio_of_worst_arm": 0.43,
-        "ratio_of_friction": {"value": 0.1, "at_least": 0.09, "at_most": 0.11},
-        "slope_per_k": {"value": 0.0004, "at_least": 0.0003, "at_most": 0.0005, "nine_of_ten": 0.0009},
-        "covered_90_by_joint": [0.95, 0.93],
-        "covered_90": {"value": 0.94, "at_least": 0.93, "at_most": 0.96},
-        "range_c": [8.0, 37.0],
-        "replays": 40,
-        "assess_s": 0.2,
-    }
-    physics = {"replays": 200, "std": [0.003, 0.008], "surrogate_std": 0.0056, "distance": 0.1, "p": 0.004, "slope_per_k": 0.0002}
-    text = card(document, [{"between_std": 0.01, **rows[0]}], torque, physics, seed=1, arm_days_a_minute=1e5)
-    assert "| 100.0 % (≥ 74.1 %, ≤ 100.0 %) | 75–88 % ✗ not reached |" in text
-    assert "exponential path, at 75 % of life (2 of 12 have no date) | 100.0 % (≥ 74.1 %, ≤ 100.0 %) | 75–88 % ✗ not reached |" in text
-    assert "| median of P50 over the truth, the same | 1.20 | 0.7–1.4 ✓ |" in text
-    low, high, early = delays.by_baseline[0]
-    assert f"{low}–{high - 1} days {early.hits} of {early.of}" in text
-    assert "by joint 0.30, 0.60, worst arm 0.43 | 0.320 (≤ 0.340) | ≤ 0.33 ✗ not reached |" in text
-    assert "94.0 % (≥ 93.0 %, ≤ 96.0 %) | 85–95 % ✗ not reached |" in text
-    assert "200 replays of the full physics" in text
-    assert "0.30 to 0.80 %" in text
-    assert "0.020 %/K, ≤ 0.1 is asked) ✗ not reached" in text
-    assert "there were 2 more (0.122 a robot-year" in text
-    assert "| all | 100 | 30 | 0.300 | 0.410 | ≤ 0.1 ✗ not reached |" in text
-    assert "90.0 % (≥ 89.8 %, ≤ 90.2 %) | 85–95 % ✓" in text
-    assert "0.020 %/K (≤ 0.022) | ≤ 0.1 %/K ✓" in text
-
-
-def test_the_card_explains_what_was_not_reached_and_nothing_else():
-    """One row that was not reached has one explanation; without one there is no heading."""
-    row = "| P10–P90 of remaining life hold the truth | 90 % | 75–85 % {} |\n"
-    assert notes(row.format("✓")) == ""
-    explanations = notes(row.format("✗ not reached"))
-    assert "P10–P90" in explanations
-    assert explanations.count("- **") == 1
-
-
 @pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_the_figures_hold_on_a_thousand_arm_years():
@@ -299,14 +225,3 @@ def test_remaining_life_is_calibrated_on_every_path():
     for row in found.by_path:
         assert row["p10_p90_holds"]["at_most"] >= 0.72
         assert 0.65 <= row["p50_over_truth"] <= 1.6
-
-
-@pytest.mark.parametrize("module", ["production_plans", "production_observer", "worlds.__main__"])
-def test_a_study_of_no_arms_is_refused_before_it_begins(module, monkeypatch, capsys):
-    """It was a traceback, for plans after minutes."""
-    option = "--arms" if module.startswith("worlds") else "--slow"
-    monkeypatch.setattr("sys.argv", ["study", *(["plain"] if module.startswith("worlds") else []), option, "0"])
-    with pytest.raises(SystemExit) as ended:
-        importlib.import_module(f"monitor.studies.rehearsal.{module}").main()
-    assert ended.value.code == 2
-    assert "0: expected a whole number from 1 on" in capsys.readouterr().err

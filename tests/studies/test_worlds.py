@@ -36,8 +36,6 @@ from monitor.studies.worlds.laws import (
 )
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import Episodes, LifeAnswer, judge_world, life_documents, play_world, world_document, world_line
-from tests.evidence.card import END, with_worlds
-from tests.evidence.worlds_card import WORLDS_HEAD, arms_of, worlds_section
 
 pytestmark = pytest.mark.xdist_group("worlds")  # one worker judges each world once
 
@@ -327,58 +325,6 @@ def test_an_undeclared_payload_is_told_as_a_payload_and_its_declaration_opens_a_
     assert arms.undeclared.any(axis=0).all()
     assert np.array_equal(arms._opened.sum(axis=0), np.ones(4))
     assert np.all((arms._slot == 1)[-1])
-
-
-def test_the_card_has_a_row_a_world_with_its_goals():
-    """With what is not counted in a world told beside it, and remaining life in a table of its own."""
-    plain = judged("plain")
-    kinds = {
-        "kinds": ["rising", "falling"],
-        **{key: plain["false_advisories"]["counted"][key] for key in ("events", "per_year", "at_most")},
-    }
-    told = {**plain, "world": "told", "false_advisories": {**plain["false_advisories"], "counted": kinds}}
-    life = [{**row, "remaining_life": life_documents([LifeAnswer(0, 0.5, said(100.0), 100.0)], 0)} for row in plain["detection"]]
-    observer = [{**row, "false_per_year": rate, "median_days": 9.0} for row in plain["detection"] for rate in (0.07, 0.1)]
-    documents = [plain, told, {**plain, "world": "lives", "detection": life}]
-    text = worlds_section(documents, arms=64, seed=7, noise_known={"plain": observer})
-    assert len([line for line in text.splitlines() if line.startswith("| plain | ") and line.count(" | 9 (≥ ") == 2]) == 2
-    text = worlds_section(documents, arms=64, seed=7)
-    assert "not to know the noise" not in text
-    rows = [line for line in text.splitlines() if line.startswith("| ")]
-    assert all(line.count("|") == 8 for line in rows)
-    assert "told: common in" in rows[2]
-    assert "asked ≤ 11 " in rows[1]
-    assert sum("P50 within" in line or "5 % step | 50 %" in line for line in rows) == 2
-    assert "from seed 7" in text
-    assert "- 64 healthy arms live three years, 16 from " in text
-
-
-@pytest.mark.parametrize(
-    ("low", "median", "high", "mark"),
-    [(8, 10, 11, "✓"), (8, 11, 13, "(✓)"), (11, 12, 13, "(✗)"), (12, 13, 14, "✗ not reached"), (9, None, None, "(✗)")],
-)
-def test_a_median_is_marked_by_its_bounds(low, median, high, mark):
-    """What chance alone may have missed is marked apart from what is not reached; never is later than any day."""
-    plain = judged("plain")
-    step = {**plain["detection"][0], "median_at_least_days": low, "median_days": median, "median_at_most_days": high}
-    text = worlds_section([{**plain, "detection": [step]}], arms=64, seed=7)
-    shown = "never" if high is None else high
-    assert f"≤ {shown}; asked ≤ 11 {mark}), " in text
-
-
-def test_the_worlds_alone_are_written_anew():
-    """What stands above and below their section stays; a page without the section gets it."""
-    page = f"# Figures\n\nold\n{END}rest"
-    first = with_worlds(page, f"{WORLDS_HEAD}one\n")
-    assert first == f"# Figures\n\nold\n{WORLDS_HEAD}one\n{END}rest"
-    assert with_worlds(first, f"{WORLDS_HEAD}two\n") == first.replace("one", "two")
-
-
-def test_every_world_of_the_card_has_arms():
-    """Fewer where nobody set a goal beforehand."""
-    assert arms_of("slow-joint", 64) == (64, 24)
-    assert arms_of("plain", 64)[0] > 64 > arms_of("weekdays", 64)[0] >= 12
-    assert arms_of("plain", 64)[1] > arms_of("plain", 64)[0]  # a median needs more arms than a rate
 
 
 def said(days):

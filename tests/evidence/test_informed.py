@@ -8,11 +8,11 @@ import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evidence import informed
+from evidence.informed import BEFORE, Seen, all_evidence, evidence, informed_documents, known_noise
+from evidence.worlds_card import NOISE_KNOWN, noise_known_documents
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import fleets_of
-from tests.evidence import informed
-from tests.evidence.informed import BEFORE, Seen, all_evidence, evidence, informed_documents, known_noise
-from tests.evidence.worlds_card import NOISE_KNOWN, noise_known_documents
 
 REACHED = st.floats(-3.0, 3.0)
 

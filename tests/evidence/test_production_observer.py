@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from monitor.judge.assess import AssessSettings
-from monitor.studies.figures import DAYS_A_YEAR
-from monitor.studies.rehearsal.fleet import FleetSettings
-from monitor.studies.rehearsal.play import COMPARABLE
-from tests.evidence.production import Plan, ProductionSettings, observed_days
-from tests.evidence.production_observer import (
+from evidence.production import Plan, ProductionSettings, observed_days
+from evidence.production_observer import (
     EVERY_DAYS,
     KnownFleet,
     Seen,
@@ -19,6 +15,10 @@ from tests.evidence.production_observer import (
     recorded,
     threshold,
 )
+from monitor.judge.assess import AssessSettings
+from monitor.studies.figures import DAYS_A_YEAR
+from monitor.studies.rehearsal.fleet import FleetSettings
+from monitor.studies.rehearsal.play import COMPARABLE
 
 ARMS, DAYS = 12, 120
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from evidence.production import PLANS, Plan, ProductionSettings, played
 from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE
 from monitor.studies.rehearsal.rehearse import onsets
-from tests.evidence.production import PLANS, Plan, ProductionSettings, played
 
 ARMS, DAYS, SEED = 8, 150, 3
 NEW = 407  # a seed by which no setting was chosen

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from evidence.production import DAILY_UNTIL, PLANS, Needs, Plan, ProductionSettings, played, row
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.assess import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE
-from tests.evidence.production import DAILY_UNTIL, PLANS, Needs, Plan, ProductionSettings, played, row
 
 SCHEDULE = ScheduleSettings(replay="when_needed", learning_days=14.0, unobserved_days=7.0, at_most_days=30.0)
 ALL, NONE, FIRST = np.ones((1, 2), dtype=bool), np.zeros((1, 2), dtype=bool), np.array([[True, False]])

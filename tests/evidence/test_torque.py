@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evidence import torque
+from evidence.torque import TorqueErrors, study_arm, summary, surrogate
 from monitor.judge.assess import AssessSettings
 from monitor.model.fourier import excitation_from_document
-from tests.evidence import torque
-from tests.evidence.torque import TorqueErrors, study_arm, summary, surrogate
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"
 BLANK = TorqueErrors(  # of two joints, one test, no replay
