@@ -17,6 +17,7 @@ import numpy as np
 
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
+from monitor.errors import DOES_NOT_HOLD
 from monitor.identify.identify import identify
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.assess import judge_identification
@@ -62,7 +63,7 @@ def live_through(store, settings, found, context, days, seed=0):
         ledger = store.ledger.claim(at, "scheduled", at)
         assessed = life.day(day)
         if assessed is None:
-            store.ledger.end(ledger, "skipped", "no permission: the cell's door is open", at)
+            store.ledger.end(ledger, "skipped", DOES_NOT_HOLD(condition="permit", why="the cell's door is open"), at)
             continue
         store.ledger.mark_recorded(ledger)
         for event in store.assessments.commit(ledger, at_unix_s=at + 60.0, recorded_at_unix_s=at + 40.0, **assessed):

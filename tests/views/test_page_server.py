@@ -419,5 +419,5 @@ def test_the_page_comes_in_the_language_of_the_browser(served):
         assert word in page
         assert "[[" not in page
     schedule = json.loads(ask(server, "/api/schedule?lang=de")[2])
-    assert any(row["reason"] == "keine Freigabe: the cell's door is open" for row in schedule["windows"])
+    assert any(row["reason"] == "Freigabe: the cell's door is open" for row in schedule["windows"])
     assert "friction" in daemon.bus.last_values()["alert/j3/wear_rising"]["text"]

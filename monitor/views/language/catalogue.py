@@ -104,7 +104,9 @@ class Language(Words):
         return self.say(reason_from(document))
 
     def document(self, document: Any) -> Any:
-        """A document with every reason in words: `text` of an object with a code, and each key of `reasons`."""
+        """A document with every reason in words: `text` of an object with a code, and each key of `reasons`; as it is in English."""
+        if self.code == "en":
+            return document
         if isinstance(document, list):
             return [self.document(each) for each in document]
         if not isinstance(document, Mapping):
