@@ -143,7 +143,7 @@ def believed(ca_file: str, folder: Path, section: str) -> ssl.SSLContext:
         raise BadInput(f"{section}: ca_file {ca_file}: cannot be read as PEM: {why}") from None
 
 
-# --- HTTP requests that end in time, whatever the other side does -------------------------------------
+# --- HTTP requests that end in time, whatever the other side does
 
 T = TypeVar("T")
 TIMEOUT_S = 15.0  # of one look for more
@@ -239,7 +239,7 @@ def http_reason(error: Exception) -> str:
     return f"no answer: {type(error).__name__}"
 
 
-# --- Signatures by Standard Webhooks (standardwebhooks.com): HMAC-SHA256 of ID.TIMESTAMP.BODY, base64 after `v1,` -----------
+# --- Signatures by Standard Webhooks (standardwebhooks.com): HMAC-SHA256 of ID.TIMESTAMP.BODY, base64 after `v1,`
 
 ID, TIMESTAMP, SIGNATURE = "webhook-id", "webhook-timestamp", "webhook-signature"
 PREFIX = "whsec_"  # of a secret in base64

@@ -229,7 +229,7 @@ def _key(channel: str, key: str) -> str:
     return f"{channel}:{key}"
 
 
-# --- One gateway alone works with a database: two of them would send everything twice. I/O --------------
+# --- One gateway alone works with a database: two of them would send everything twice
 
 KEY = 7_447_027  # of the advisory lock
 

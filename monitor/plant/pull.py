@@ -133,8 +133,6 @@ def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Seq
         _representable(row.recorded_at for each in history.changes for row in each.rows)
         return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next
     except BadInput as refused:
-        if "unknown parameter" in str(refused):
-            raise CannotCopy("its joint-monitor is too old to be copied: it knows no cursor; upgrade it to this version") from None
         raise CannotCopy(f"it refuses: {refused}") from None
     except BusError as error:
         raise CannotCopy(str(error)) from None
@@ -165,7 +163,7 @@ def _change_mark(change: HistoryChange) -> str:
     return f"{change.at.timestamp():.0f} {change.replay}"
 
 
-# --- The threads that copy histories: each arm at most once at a time, several arms side by side. I/O ---
+# --- The threads that copy histories: each arm at most once at a time, several arms side by side
 
 STOP, SOON, LATER = range(3)  # an arm that does not answer holds up a thread for seconds: it waits for those that answer
 

@@ -233,7 +233,7 @@ def _line(text: str, most: int = LONGEST) -> str:
     return shown if len(shown) <= most else f"{shown[: most - 1]}…"
 
 
-# --- The tickets that the gateway has opened for alerts, as the plant's database has them. I/O ----------
+# --- The tickets that the gateway has opened for alerts, as the plant's database has them
 
 
 class Ticket(NamedTuple):

@@ -182,12 +182,11 @@ def test_two_plants_that_copy_the_same_page_write_it_once(database, tmp_path):
 
 
 def test_what_an_arm_answers_wrongly_is_its_problem_and_stops_nobody(database):
-    """An older monitor, a refusal, no answer, nonsense, figures that no database takes: each with a sentence."""
+    """A refusal, no answer, nonsense, figures that no database takes: each with a sentence."""
     event = {"seq": 2**63 + 5, "at": "2026-01-01T00:00:00Z"} | {key: value for key, value in ALERT.items() if not key.endswith("_unix_s")}
     event |= {"raised_at": "2026-01-01T00:00:00Z", "updated_at": "2026-01-01T00:00:00Z"}
     page = {"events": [event], "first_kept": 1, "last": 1}
     for answers, says in (
-        ({"event": refusing("event: unknown parameter 'limit'; known are after")}, "too old to be copied"),
         ({"event": refusing("busy")}, "it refuses: busy"),
         ({}, "no answer"),
         ({"event": lambda _: {"events": 7}}, "cannot be read: events: Input should be a valid list"),

@@ -93,7 +93,7 @@ def _bytes(character: str) -> str:
     return "".join(f"_{byte:02x}" for byte in character.encode("utf-8", "surrogatepass"))
 
 
-# --- What is published of an arm: its retained messages by topic. No I/O, no clock ----------------------
+# --- What is published of an arm: its retained messages by topic
 
 
 def messages(arm: ArmFigures, topics: ArmTopics, now_unix_s: float) -> dict[str, bytes]:
@@ -165,7 +165,7 @@ def _percent(fraction: float | None) -> float | None:
     return None if fraction is None else round(100.0 * fraction, 3)
 
 
-# --- Home Assistant's device discovery of an arm: a device a robot, entities of the arm and of each joint. No I/O, no clock ---
+# --- Home Assistant's device discovery of an arm: a device a robot, entities of the arm and of each joint
 
 QOS = 1
 DIAGNOSTIC = "diagnostic"

@@ -181,7 +181,7 @@ def zone(name: str, where: str) -> ZoneInfo:
         raise BadInput(f'{where} time_zone = {name!r} is not known; expected e.g. "Europe/Berlin"') from None
 
 
-# --- Who is told of a transition and when, and what becomes one message. No I/O, no clock ---------------
+# --- Who is told of a transition and when, and what becomes one message
 
 ALERT, ALREADY, ESCALATION, REPORT = "alert", "already", "escalation", "report"  # kinds of deliveries
 FLEET = "fleet"  # a message about a cause that many arms share; else the kind of its deliveries

@@ -268,7 +268,7 @@ def _organized(ids: list[str]) -> tuple[tuple[Ref, str | Ref], ...]:
     return tuple((ORGANIZES, each) for each in ids)
 
 
-# --- What the variables of an arm say: value, status and source time of each. No I/O, no clock ----------
+# --- What the variables of an arm say: value, status and source time of each
 
 NE107 = {
     "NORMAL": 0,

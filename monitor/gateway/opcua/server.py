@@ -152,7 +152,7 @@ async def trust_store(settings: OpcuaSettings, folder: Path) -> TrustStore | Non
     return store
 
 
-# --- The server and its thread. I/O ---------------------------------------------------------------------
+# --- The server and its thread
 
 NAME = "joint-monitor gateway"
 START_S, PUT_S, STOP_S = 120.0, 120.0, 15.0

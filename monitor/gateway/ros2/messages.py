@@ -130,7 +130,7 @@ def _clean(text: str) -> str:
     return text.replace("\0", " ")
 
 
-# --- What rmw_zenoh makes of a topic: the key of its messages, what travels beside each, and the tokens by which nodes see each other ---
+# --- What rmw_zenoh makes of a topic: the key of its messages, what travels beside each, and the tokens by which nodes see each other
 
 NODE, PUBLISHER = "NN", "MP"  # kinds of entities
 NO_HASH = "TypeHashNotSupported"  # in the place of a hash, where the ROS 2 distribution has none

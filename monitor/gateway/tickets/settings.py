@@ -100,7 +100,7 @@ def _texts(template: Any) -> Iterator[str]:
         yield template
 
 
-# --- The section [tickets]: the maintenance system, and what its requests hold --------------------------
+# --- The section [tickets]: the maintenance system, and what its requests hold
 
 Method = Literal["POST", "PUT", "PATCH"]
 

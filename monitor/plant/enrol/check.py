@@ -133,7 +133,7 @@ def joined(arms: Sequence[Arm], *parts: Mapping[str, Sequence[Lack]]) -> dict[st
     return {arm.name: [lack for part in parts for lack in part.get(arm.name, ())] for arm in arms}
 
 
-# --- Asking all monitors of a plant at once what they say of themselves, with the plant's own certificate. I/O ---
+# --- Asking all monitors of a plant at once what they say of themselves, with the plant's own certificate
 
 Content = TypeVar("Content", bound=BaseModel)
 ANSWERS_S = 5.0  # [s] for all arms behind one router

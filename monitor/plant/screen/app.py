@@ -224,7 +224,7 @@ def _as_data(text: str) -> str:
     return text.replace("<", "\\u003c")
 
 
-# --- The screen's HTTP server, in a thread of the plant. I/O --------------------------------------------
+# --- The screen's HTTP server, in a thread of the plant
 
 LONGEST_TEXT = 2000  # of a line of the audit; a reason that a person types has some hundred letters
 

@@ -87,7 +87,7 @@ class ScreenSettings:
         return folder / self.users_file.replace("${CREDENTIALS_DIRECTORY}", os.environ.get("CREDENTIALS_DIRECTORY", ""))
 
 
-# --- The file of users, line by line: one is put in or taken out, the others and every remark stay. I/O ---
+# --- The file of users, line by line: one is put in or taken out, the others and every remark stay
 
 MODE = 0o640  # a digest is no token, but nobody else need see who may what
 HEAD = "# NAME:ROLE:DIGEST of the token; written by joint-monitor plant user\n"
