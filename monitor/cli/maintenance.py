@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,8 @@ from monitor.errors import BadInput, BusError, StoreError, StoreInUse
 if TYPE_CHECKING:
     from monitor.config.schema import Configuration
     from monitor.publish.client import Client
-    from monitor.publish.documents import Answer, ServicedRequest, UndoServicedRequest
+    from monitor.publish.documents import Answer
+    from monitor.publish.queries import ServicedRequest, UndoServicedRequest
 
 
 def check_words(by: str, why: str, at: str | None, *, undo: bool) -> None:
@@ -27,8 +28,8 @@ def check_words(by: str, why: str, at: str | None, *, undo: bool) -> None:
 
 
 def declared(
-    configuration: "Configuration", offline: Callable[[float], dict[str, Any]], asked: Callable[["Client"], "Answer"], nothing_yet: str
-) -> dict[str, Any]:
+    configuration: "Configuration", offline: Callable[[float], "Answer"], asked: Callable[["Client"], "Answer"], nothing_yet: str
+) -> "Answer":
     """The answer of `offline`, which writes into the history where no daemon runs on it, at a time since 1970; else `asked` on the bus.
 
     nothing_yet : what it means that there is no history, for the message. Raises BadInput, BusError, StoreError.
@@ -44,7 +45,7 @@ def declared(
         refused = error
     try:
         with client_of(configuration) as client:
-            return asked(client).model_dump(mode="json")
+            return asked(client)
     except BusError:
         if refused is None:
             raise StoreError(f"{where}: no history yet{nothing_yet}") from None
@@ -66,7 +67,7 @@ def serviced(
     as_json: JsonOption = False,
 ) -> None:
     """Say that a joint was replaced, greased or overhauled: its alerts end, or wait for their proof. Works without the daemon."""
-    from monitor.publish.documents import ServicedRequest, UndoServicedRequest
+    from monitor.publish.queries import ServicedRequest, UndoServicedRequest
     from monitor.service.history.maintenance import offline
 
     chosen = [name for name, given in (("replaced", replaced), ("greased", greased), ("overhauled", overhauled), ("undo", undo)) if given]
@@ -87,16 +88,17 @@ def serviced(
         ", so there is nothing that maintenance could change; the first replay begins it",
     )
     if as_json:
-        print_json(answer)
+        print_json(answer.model_dump(mode="json"))
         return
-    typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{answer['maintenance']['text']}")
-    for sentence in answer["text"]:
+    assert answer.maintenance is not None
+    typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{answer.maintenance.text}")
+    for sentence in answer.text:
         typer.echo(f"  {sentence}")
 
 
 def _asked(client: "Client", request: "ServicedRequest | UndoServicedRequest") -> "Answer":
     """The answer of a running daemon. Raises BadInput with its reason where it refuses, BusError where nobody answers."""
-    from monitor.publish.documents import ServicedRequest
+    from monitor.publish.queries import ServicedRequest
 
     if isinstance(request, ServicedRequest):
         return client.serviced(request.joint, request.kind, by=request.by, why=request.why, at=request.at)
@@ -113,7 +115,7 @@ def inspected(
     as_json: JsonOption = False,
 ) -> None:
     """Say that a check of [inspection] was made: its next due date counts from then. Works without the daemon."""
-    from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
+    from monitor.publish.queries import InspectedRequest, UndoInspectedRequest
     from monitor.service.history.inspection import offline
 
     check_words(by, why, at, undo=undo)
@@ -127,9 +129,9 @@ def inspected(
         "; the first start of `joint-monitor run` begins it",
     )
     if as_json:
-        print_json(answer)
+        print_json(answer.model_dump(mode="json"))
         return
-    for sentence in answer["text"]:
+    for sentence in answer.text:
         typer.echo(f"{configuration.robot.id}: {'taken back: ' if undo else ''}{sentence}")
 
 

@@ -16,13 +16,15 @@ import zenoh
 
 from monitor.errors import BadInput, BusError
 from monitor.publish import permit
-from monitor.publish.registry import KINDS, Delivery, answer_kind, takes_payload
+from monitor.publish.documents import Document, Error, Permit, Waiting, as_json, encoded
+from monitor.publish.registry import KINDS, Delivery, answer_kind, kind_of, takes_payload
 from monitor.publish.session import BusSettings, encoding, session_config
 
 log = logging.getLogger(__name__)
 
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
+PUBLISHED = (Delivery.LAST_VALUE, Delivery.STREAM, Delivery.TRANSITION)
 JSON_NAMES = {type(None): "null", bool: "true or false", int: "a number", float: "a number", str: "a string", list: "an array"}
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 
@@ -35,11 +37,19 @@ class QueryHandler(NamedTuple):
     """
 
     kind: str
-    about: Callable[[Mapping[str, Any]], Mapping[str, Any]]
+    about: Callable[[Mapping[str, Any]], Document]
     payload: bool = True
 
 
-def handler(key: str, about: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> QueryHandler:
+class Sent(NamedTuple):
+    """A last value: its kind, the document, and the document as it was sent."""
+
+    kind: str
+    document: Document
+    payload: bytes
+
+
+def handler(key: str, about: Callable[[Mapping[str, Any]], Document]) -> QueryHandler:
     """The handler of a registered key: the registry knows the kind of its answer and whether it takes a payload."""
     return QueryHandler(answer_kind(key).name, about, payload=takes_payload(key))
 
@@ -56,7 +66,7 @@ class Bus:
         self._settings = settings
         self._prefix = key_prefix
         self._answers = dict(answers or {})
-        self._last: dict[str, tuple[str, bytes]] = {}
+        self._last: dict[str, Sent] = {}
         self._lock = threading.Lock()
         # the fastest queue; `_enqueue` limits its length
         self._outbox: queue.SimpleQueue[tuple[str, str, bytes, bool, Callable[[], None] | None] | None] = queue.SimpleQueue()
@@ -100,47 +110,33 @@ class Bus:
 
     # --- out ------------------------------------------------------------------------------------
 
-    def say(self, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
-        """Publish a document of a registered kind on its key, with the delivery that the registry names.
+    def say(self, document: Document, *, done: Callable[[], None] | None = None) -> None:
+        """Publish a document on the key and with the delivery that the registry names for its type.
 
-        parts : what fills in its key, e.g. `joint=3`. done : runs once the document is sent; it has no effect for a stream.
+        A last value is kept for every later `get`; the samples of a stream are dropped where the network is slow. done : runs once the
+        document is sent; it has no effect for a stream. Raises KeyError for a type that is not registered, or is never published.
         """
-        registered = KINDS[kind]
-        key = registered.key(**parts)
-        if registered.delivery is Delivery.STREAM:
-            self.stream(key, kind, document)
-        elif registered.delivery is Delivery.TRANSITION:
-            self._enqueue((key, kind, _encode(document), False, done))
-        else:
-            self.publish(key, kind, document, done=done)
-
-    def publish(self, key: str, kind: str, document: Mapping[str, Any], *, done: Callable[[], None] | None = None) -> None:
-        """Publish a last value: it is kept for every later `get` and sent to the subscribers. `done` runs once it is sent."""
-        payload = _encode(document)
-        with self._lock:
-            self._last[key] = (kind, payload)
-        self._enqueue((key, kind, payload, False, done))
-
-    def stream(self, key: str, kind: str, document: Mapping[str, Any]) -> None:
-        """Publish one sample of a stream: the newest is kept as last value, and samples are dropped where the network is slow."""
-        payload = _encode(document)
-        with self._lock:
-            self._last[key] = (kind, payload)
-        self._enqueue((key, kind, payload, True, None))
+        kind = kind_of(type(document))
+        if kind.delivery not in PUBLISHED:
+            raise KeyError(f"{kind.name} is {kind.delivery.value}: it is not published")
+        key, payload, stream = kind.key_of(document), encoded(document), kind.delivery is Delivery.STREAM
+        if kind.delivery is not Delivery.TRANSITION:
+            with self._lock:
+                self._last[key] = Sent(kind.name, document, payload)
+        self._enqueue((key, kind.name, payload, stream, None if stream else done))
 
     def answer(self, handlers: Mapping[str, QueryHandler]) -> None:
         """Answer queries on these keys below the prefix from now on, besides those given at construction."""
         self._answers = {**self._answers, **handlers}
 
-    def last_values(self) -> dict[str, Any]:
+    def last_values(self) -> dict[str, Document]:
         """The documents that answer a plain `get`, by key below the prefix."""
         with self._lock:
-            known = dict(self._last)
-        return {key: orjson.loads(payload) for key, (_, payload) in known.items()}
+            return {key: sent.document for key, sent in self._last.items()}
 
-    def lengths(self) -> dict[str, int]:
+    def waiting(self) -> Waiting:
         """Numbers of documents to send, of queries to answer, and of documents dropped so far."""
-        return {"to_send": self._outbox.qsize(), "to_answer": self._inbox.qsize(), "dropped": self.dropped}
+        return Waiting(to_send=self._outbox.qsize(), to_answer=self._inbox.qsize(), dropped=self.dropped)
 
     def without_router(self) -> str | None:
         """The problem that no configured router answers; None where one does, or none is configured."""
@@ -151,15 +147,15 @@ class Bus:
     def last_payloads(self) -> dict[str, bytes]:
         """The last values as encoded payloads by key; a payload is a new object only after a new publication."""
         with self._lock:
-            return {key: payload for key, (_, payload) in self._last.items()}
+            return {key: sent.payload for key, sent in self._last.items()}
 
     def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The answer to a query on a key below the prefix, for this process's own callers. Raises BadInput with the error reply's text."""
-        return self._answers[key].about(about)
+        """The answer to a query on a key below the prefix as JSON, for the page. Raises BadInput with the error reply's text."""
+        return as_json(self._answers[key].about(about))
 
-    def ask_permit(self, about: Mapping[str, Any], timeout_s: float) -> permit.PermitReply | None:
+    def ask_permit(self, question: Permit, timeout_s: float) -> permit.PermitReply | None:
         """Ask for a permit on `permit/replay`; None where nobody answers in that time."""
-        return permit.ask_permit(self._session, self._prefix, about, timeout_s)
+        return permit.ask_permit(self._session, self._prefix, question, timeout_s)
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""
@@ -219,23 +215,21 @@ class Bus:
         if key in self._answers:  # only the exact key: a wildcard must never make anything happen
             answer = self._answers[key]
             about = _payload(query, key) if answer.payload else _parameters(query, key)
-            query.reply(query.key_expr, _encode(answer.about(about)), encoding=encoding(answer.kind))
+            found = answer.about(about)
+            if type(found) is not KINDS[answer.kind].model:
+                raise TypeError(f"{key} is answered by {KINDS[answer.kind].model.__name__}, not by {type(found).__name__}")
+            query.reply(query.key_expr, encoded(found), encoding=encoding(answer.kind))
             return
         with self._lock:
             known = list(self._last.items())
-        for name, (kind, payload) in known:
+        for name, sent in known:
             full = zenoh.KeyExpr(f"{self._prefix}/{name}")
             if query.key_expr.intersects(full):
-                query.reply(full, payload, encoding=encoding(kind))
-
-
-def _encode(document: Mapping[str, Any]) -> bytes:
-    """JSON, with arrays as lists, and null for a figure that is not finite."""
-    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+                query.reply(full, sent.payload, encoding=encoding(sent.kind))
 
 
 def _refuse(query: zenoh.Query, why: str) -> None:
-    query.reply_err(_encode({"error": why}), encoding=encoding("error"))
+    query.reply_err(encoded(Error(error=why)), encoding=encoding("error"))
 
 
 def _parameters(query: zenoh.Query, key: str) -> Mapping[str, str]:

@@ -17,7 +17,6 @@ from pydantic import BaseModel
 
 from monitor.errors import BadInput, BusError
 from monitor.publish.documents import (
-    AckRequest,
     Alert,
     Answer,
     Events,
@@ -26,13 +25,16 @@ from monitor.publish.documents import (
     History,
     HistoryRow,
     Info,
-    InspectedRequest,
     Model,
+    Torque,
+)
+from monitor.publish.queries import (
+    AckRequest,
+    InspectedRequest,
     ReplayRequest,
     Request,
     ServicedRequest,
     ShelveRequest,
-    Torque,
     UnackRequest,
     UndoInspectedRequest,
     UndoServicedRequest,

@@ -1,23 +1,26 @@
-"""Documents: what travels on the bus, as types. Their JSON Schemas are printed by `joint-monitor schema KIND`.
+"""Documents: what is published and answered on the bus, as types. Their JSON Schemas are printed by `joint-monitor schema KIND`.
 
 Every kind is `joint-monitor.<kind>.v1`. Within v1 fields are only added: readers ignore what they do not know, and find what v1 had
 from the beginning. Times are UTC, RFC 3339; units stand in the names; null means unknown.
 """
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
+import orjson
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from monitor.judge.alerts.health import State
+from monitor.judge.document import plain
+from monitor.publish.timestamps import outside
+from monitor.reason import FREE, Reason
 
+Content = TypeVar("Content", bound=BaseModel)
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, from 1")]
 Number = FiniteFloat
 Maybe = FiniteFloat | None
 Rows = list[Number] | list[list[Number]]
-Who = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S", description="name of the person or program that acts")]
-Why = Annotated[str, Field(max_length=2000)]
 
 
 Reasons = dict[str, dict[str, Any]]  # of each sentence under a key beside it: its code and its parameters
@@ -29,10 +32,68 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
 
-class Request(BaseModel):
-    """What is asked: an unknown field is a mistake, and is named."""
+class Code(Document):
+    """A reason without its text: what it is, and its parameters."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    code: str
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+class Said(Code):
+    """A reason: code, parameters, and the English text for whoever knows no codes."""
+
+    text: str
+
+
+class Worded(Document):
+    """A document with English texts under keys of their own."""
+
+    reasons: dict[str, Code] = Field(default_factory=dict, description="of these texts, by their key: codes with parameters")
+
+
+def said(reason: Reason) -> Said:
+    """A reason as a document."""
+    return Said.model_validate(reason.document())
+
+
+def worded(**texts: str | Reason | None) -> dict[str, Any]:
+    """The fields of a `Worded` document: each text under its key in English, and the codes of those that have one."""
+    codes = {name: _code(each) for name, each in texts.items() if isinstance(each, Reason) and each.code != FREE}
+    return {**{name: None if each is None else str(each) for name, each in texts.items()}, "reasons": codes}
+
+
+def _code(reason: Reason) -> Code:
+    document = reason.document()
+    return Code(code=document["code"], parameters=document["parameters"])
+
+
+def made(model: type[Content], value: object, **more: object) -> Content:
+    """The document of a value of the judge or the history: its fields by their names, times as UTC. Raises ValueError where it is none."""
+    fields = outside(plain(value))
+    assert isinstance(fields, dict)
+    return model.model_validate({**fields, **more})
+
+
+def encoded(document: Document) -> bytes:
+    """A document as JSON: arrays as lists, times as RFC 3339, null for a figure that is not finite."""
+    return orjson.dumps(document, default=_fields, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_UTC_Z | orjson.OPT_OMIT_MICROSECONDS)
+
+
+def as_json(document: Document) -> dict[str, Any]:
+    """A document as the JSON object that travels."""
+    found: dict[str, Any] = orjson.loads(encoded(document))
+    return found
+
+
+def worded_json(**texts: str | Reason | None) -> dict[str, Any]:
+    """`worded` as JSON, for a command's document."""
+    return as_json(Worded.model_validate(worded(**texts)))
+
+
+def _fields(value: object) -> dict[str, Any]:
+    if not isinstance(value, BaseModel):
+        raise TypeError(f"{type(value).__name__} is no part of a document")
+    return {**value.__dict__, **(value.__pydantic_extra__ or {})}
 
 
 class Info(Document):
@@ -51,7 +112,7 @@ class Info(Document):
     versions: dict[str, str] = Field(default_factory=dict, description="of Python and of the packages that matter")
 
 
-class JointState(Document):
+class JointState(Worded):
     """One joint at a glance."""
 
     joint: Joint
@@ -73,7 +134,7 @@ class Attribution(Document):
     rest: Number = Field(description="of this replay: noise")
 
 
-class Gravest(Document):
+class Gravest(Worded):
     """What an alert said at its gravest moment: of the highest tier, and of that the largest change."""
 
     at: datetime
@@ -97,7 +158,7 @@ class Acknowledgement(Document):
     undone_why: str | None = None
 
 
-class Alert(Document):
+class Alert(Worded):
     """One condition of one joint or of the arm, through its life: raised, updated, cleared; acknowledged and shelved are orthogonal."""
 
     joint: Joint | None
@@ -132,6 +193,11 @@ class Alert(Document):
     serviced_why: str | None = None
     awaiting_proof: bool = Field(default=False, description="work is declared, and the next replays shall show whether it helped")
 
+    @property
+    def where(self) -> str:
+        """Its place in the key: j1, j2, … or arm."""
+        return "arm" if self.joint is None else f"j{self.joint}"
+
 
 class ProductionEvidence(Document):
     """What normal work, listened to since the last replay, says of one joint: it may pull a replay forward, and raises no alert."""
@@ -161,7 +227,7 @@ class JointRipple(Ripple):
     joint: Joint
 
 
-class Health(Document):
+class Health(Worded):
     """NE 107 states of arm and joints; `state` is null until a replay has been assessed."""
 
     state: State | None
@@ -276,15 +342,6 @@ class Model(Document):
     measured_rms_nm: list[Maybe] | None = Field(default=None, description="of single unfiltered samples from it, likewise")
 
 
-class TorqueRequest(Request):
-    """One sample or N; q̈ is 0 where not given, temperatures the present ones."""
-
-    q: Rows = Field(description="rad")
-    qd: Rows = Field(description="rad/s")
-    qdd: Rows | None = Field(default=None, description="rad/s²")
-    temperature_c: Rows | None = None
-
-
 class Torque(Document):
     """Answer to `torque`: joint torque at temperature, its parts and standard deviations, in the shape of the question."""
 
@@ -342,12 +399,11 @@ class History(Document):
     history_id: str | None = Field(default=None, description="another one means another history, whose numbers mean something else")
 
 
-class Trouble(Document):
+class Trouble(Said):
     """Something is wrong with the monitor itself, and since when."""
 
     name: str = Field(description="disk, clock, clock_behind, store, backup, retention, arm, fault, …")
     since: datetime
-    text: str
 
 
 class Borrowed(Document):
@@ -360,18 +416,17 @@ class Borrowed(Document):
     given_back: bool
 
 
-class DueReplay(Document):
-    """A replay that waits for the node of the program that lends the arm."""
+class DueReplay(Said):
+    """A replay that waits for the node of the program that lends the arm: for what, and why the arm was not taken at the last node."""
 
     since: datetime
     until: datetime = Field(description="without a replay by then its window is skipped")
     kind: str = Field(description="scheduled or requested")
     why: str = Field(description="what opened its window: cron, every, learning, cold start, evidence, asked for")
     tries: int = Field(description="replays begun for it that this machine or the network ended")
-    text: str = Field(description="what it waits for, and why the arm was not taken at the last node")
 
 
-class LastReplay(Document):
+class LastReplay(Worded):
     """The newest window of the ledger."""
 
     replay: int
@@ -380,6 +435,63 @@ class LastReplay(Document):
     reason: str | None
     ended_at: datetime | None
     borrowed: Borrowed | None = Field(default=None, description="null: no program lent the arm")
+
+
+class ArmLink(Worded):
+    """Whether the arm is heard."""
+
+    heard: bool
+    trouble: str | None = None
+
+
+class Waiting(Document):
+    """Documents and queries that wait, and documents dropped since the start."""
+
+    to_send: int
+    to_answer: int
+    dropped: int
+
+
+class ArchiveState(Document):
+    """How many recordings the archive has, and how many wait for it."""
+
+    address: str
+    recordings: int
+    waiting: int
+    waiting_since: datetime | None
+
+
+class HistoryState(Document):
+    """The history on disk, and how far it is: whoever copies it sees without a question whether there is something new."""
+
+    history_bytes: int
+    last_backup_at: datetime | None
+    free_bytes: int | None
+    sqlite: str
+    history_id: str | None = None
+    last_event: int | None = None
+    last_change: int | None = None
+    archive: ArchiveState | None = None
+
+
+class Process(Document):
+    """Memory, processor time with that of ended children, and threads of the monitor's process."""
+
+    resident_bytes: int | None
+    cpu_s: Number
+    threads: int
+    pid: int
+    pid_namespace: str | None
+
+
+class Reload(Document):
+    """The outcome of the last reload of the configuration."""
+
+    at: datetime
+    done: bool
+    text: str
+    waiting: list[str] = Field(default_factory=list, description="sections that a restart takes")
+    held: list[str] = Field(default_factory=list)
 
 
 class Monitor(Document):
@@ -396,57 +508,18 @@ class Monitor(Document):
     next_replay_why: str | None
     due: DueReplay | None = Field(default=None, description="the replay that waits for the program's node; null: none does")
     lag_s: Maybe = Field(description="of the last scheduled replay, from the opening of its window")
-    arm: dict[str, Any]
-    bus: dict[str, int] = Field(description="documents and queries that wait, and documents dropped since the start")
-    store: dict[str, Any]
-    process: dict[str, Any]
+    arm: ArmLink
+    bus: Waiting
+    store: HistoryState
+    process: Process
     workers: dict[str, Number] = Field(description="seconds since each was last known to be alive")
-    reload: dict[str, Any] | None
+    reload: Reload | None
     overrides: list[str]
+    trial: bool = Field(default=False, description="its clock is not the host's")
+    stopped_at: datetime | None = Field(default=None, description="it was stopped")
 
 
-class AckRequest(Request):
-    """An alert has been seen, by whom and why it may wait."""
-
-    joint: Joint | None = Field(description="null is the arm")
-    condition: Annotated[str, Field(min_length=1, max_length=100)]
-    by: Who
-    why: Why = ""
-
-
-class UnackRequest(AckRequest):
-    """The acknowledgements of an alert are taken back: it waits for a person again."""
-
-
-class UnshelveRequest(AckRequest):
-    """A shelved alert is to be shown again."""
-
-
-class ShelveRequest(AckRequest):
-    """An alert need not be shown for some time."""
-
-    hours: Annotated[float, Field(gt=0.0, le=24.0 * 90)]
-
-
-class ServicedRequest(Request):
-    """Work on a joint: it was replaced, greased or overhauled."""
-
-    joint: Joint
-    kind: Annotated[str, Field(pattern="^(replaced|overhauled|greased)$", description="replaced, overhauled or greased")]
-    by: Who
-    why: Annotated[str, Field(min_length=1, max_length=2000, pattern=r"\S", description="what was found and done")]
-    at: str | None = Field(default=None, description="when it was done, e.g. 2026-01-31; null: now")
-
-
-class UndoServicedRequest(Request):
-    """The last declared work on a joint was a mistake, and is taken back."""
-
-    joint: Joint
-    by: Who
-    why: Why = ""
-
-
-class Maintenance(Document):
+class Maintenance(Worded):
     """Work on one joint, as it was declared, and what the replays after it have shown."""
 
     joint: Joint
@@ -461,12 +534,13 @@ class Maintenance(Document):
     replays: int = Field(default=0, description="learnt from between the work and its outcome")
     days: int = 0
     text: str
+    meaning: str | None = Field(default=None, description="what it means from now on, without what was done")
     undone_at: datetime | None = None
     undone_by: str | None = None
     undone_why: str | None = None
 
 
-class JointFromProduction(Document):
+class JointFromProduction(Worded):
     """One joint, by the newest period of ordinary work."""
 
     joint: Joint
@@ -481,7 +555,7 @@ class JointFromProduction(Document):
     reason: str = Field(default="", description="why it is not known")
 
 
-class NextReplay(Document):
+class NextReplay(Worded):
     """From when the next replay is needed."""
 
     replay: str = Field(description="`[schedule] replay`: always or when_needed")
@@ -501,67 +575,6 @@ class FromProduction(Document):
     suspects: list[int] = Field(default=[], description="joints of which work makes wear likely: replays shall tell")
     next_replay: NextReplay
     joints: list[JointFromProduction]
-
-
-class ReplayRequest(Request):
-    """A replay is asked for."""
-
-    by: Who
-    why: Why = ""
-
-
-class Replay(Document):
-    """What is going to happen to the arm, or has: for people nearby and for the cell's own programs."""
-
-    state: str = Field(description="announced, then ended")
-    said_at: datetime
-    replay: int | None = None
-    robot: str | None = None
-    moves_at: datetime | None = None
-    trajectory_digest: str | None = None
-    duration_s: Maybe = None
-    time_scale: Maybe = None
-    verdict: str | None = Field(default=None, description="assessed, rejected, skipped or aborted")
-    reason: str | None = None
-
-
-class Permit(Document):
-    """The question `permit/replay`: may the arm move now?"""
-
-    robot: str
-    moves_at: datetime
-    trajectory_digest: str
-    duration_s: Number
-    time_scale: Number
-    moving: bool = Field(default=False, description="the arm moves already, and goes on only where the answer is still yes")
-
-
-class PermitAnswer(Document):
-    """What the cell's own program answers; anything else is a no."""
-
-    allow: bool
-    why: str = "no reason given"
-
-
-class Answer(Document):
-    """Answer to a command: done, and what it made of it; a refusal is an error reply."""
-
-    done: str
-    alert: Alert | None = None
-    replay: int | None = None
-    maintenance: Maintenance | None = None
-    inspection: dict[str, Any] | None = Field(default=None, description="the check, as an item of the document `inspection`")
-    alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
-    text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")
-
-
-class Error(Document):
-    """What an error reply says."""
-
-    error: str
-
-
-# --- inspection duties -----------------------------------------------------------------------------
 
 
 class SafetyStop(Document):
@@ -617,18 +630,52 @@ class Inspection(Document):
     items: list[InspectionItem]
 
 
-class InspectedRequest(Request):
-    """A check was made."""
+class Replay(Worded):
+    """What is going to happen to the arm, or has: for people nearby and for the cell's own programs."""
 
-    item: Annotated[str, Field(min_length=1, max_length=100)]
-    by: Who
-    why: Annotated[str, Field(min_length=1, max_length=2000, pattern=r"\S", description="what was found")]
-    at: str | None = Field(default=None, description="when it was made, e.g. 2026-01-31; null: now")
+    state: str = Field(description="announced, then ended")
+    said_at: datetime
+    replay: int | None = None
+    robot: str | None = None
+    moves_at: datetime | None = None
+    trajectory_digest: str | None = None
+    duration_s: Maybe = None
+    time_scale: Maybe = None
+    verdict: str | None = Field(default=None, description="assessed, rejected, skipped or aborted")
+    reason: str | None = None
 
 
-class UndoInspectedRequest(Request):
-    """The last record of a check was a mistake, and is taken back."""
+class Permit(Document):
+    """The question `permit/replay`: may the arm move now?"""
 
-    item: Annotated[str, Field(min_length=1, max_length=100)]
-    by: Who
-    why: Why = ""
+    robot: str
+    moves_at: datetime
+    trajectory_digest: str
+    duration_s: Number
+    time_scale: Number
+    moving: bool = Field(default=False, description="the arm moves already, and goes on only where the answer is still yes")
+
+
+class PermitAnswer(Document):
+    """What the cell's own program answers; anything else is a no."""
+
+    allow: bool
+    why: str = "no reason given"
+
+
+class Answer(Document):
+    """Answer to a command: done, and what it made of it; a refusal is an error reply."""
+
+    done: str
+    alert: Alert | None = None
+    replay: int | None = None
+    maintenance: Maintenance | None = None
+    inspection: InspectionItem | None = Field(default=None, description="the check, as an item of the document `inspection`")
+    alerts: list[Alert] = Field(default_factory=list, description="those that the work changed")
+    text: list[str] = Field(default_factory=list, description="what the work means, a sentence each")
+
+
+class Error(Document):
+    """What an error reply says."""
+
+    error: str

@@ -1,45 +1,65 @@
 """The published form of a Health: the fields that the schema names, without the judge's internal counts."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any, cast
 
-from monitor.judge.alerts.health import Health, HealthSettings, alert_document, health_from_document
+from monitor.judge.alerts.health import Health, HealthSettings, JointHealth, State, alert_document, health_from_document
 from monitor.judge.alerts.states import FOR_DAYS, NOT_YET, stale_joints, stale_reason
+from monitor.judge.drift.ripple_track import JointRipple
+from monitor.judge.torque.production_residual import ProductionEvidence
+from monitor.publish import documents
+from monitor.publish.documents import made, worded
+from monitor.publish.timestamps import utc, utc_if
 from monitor.reason import Reason, with_reasons
 from monitor.recording import DAY_S
 
 
-def published_health(health: Health | None, now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
+def health_document(
+    health: Health | None,
+    now_unix_s: float,
+    settings: HealthSettings,
+    *,
+    next_replay_due: datetime | None = None,
+    nothing_learnt: str | Reason | None = None,
+    production: Sequence[ProductionEvidence] = (),
+    ripple: Sequence[JointRipple] = (),
+) -> documents.Health:
     """States, reasons and alerts, each with its staleness; `state` is None before the first assessment.
 
     Staleness stands beside the state: an alert stays until a replay clears it, and readers of v1 know five states.
     """
-    if health is None or not health.joints:
-        alerts = () if health is None else health.alerts
-        why = next((alert.text for alert in alerts if alert.active), None)
-        early: dict[str, Any] = {"state": None, "joints": [], "alerts": [alert_document(alert) for alert in alerts]}
-        return early if why is None else with_reasons(early, why=why)
-    silent = stale_joints(health, now_unix_s, settings)
-    document = {
-        "state": health.state,
-        "since_unix_s": health.since_unix_s,
-        "stale": any(silent),
-        "joints": [
-            with_reasons(
-                {
-                    "joint": joint.joint,
-                    "state": joint.state,
-                    "since_unix_s": joint.since_unix_s,
-                    "stale": old,
-                    "learnt_at_unix_s": joint.learnt_at_unix_s,
-                },
-                why=joint.why,
-            )
-            for joint, old in zip(health.joints, silent, strict=True)
-        ],
-        "alerts": [alert_document(alert) for alert in health.alerts],
-    }
-    return with_reasons(document, why=health.why, stale_why=_stale_why(health, silent, now_unix_s, settings))
+    known = health is not None and bool(health.joints)
+    alerts = () if health is None else health.alerts
+    silent = stale_joints(health, now_unix_s, settings) if health is not None and known else ()
+    why = next((alert.text for alert in alerts if alert.active), None) if health is None or not known else health.why
+    return documents.Health(
+        state=cast(State, health.state) if health is not None and known else None,
+        since=utc(health.since_unix_s) if health is not None and known else None,
+        joints=[] if health is None else [_joint(joint, old) for joint, old in zip(health.joints, silent, strict=True)],
+        alerts=[made(documents.Alert, alert_document(alert)) for alert in alerts],
+        next_replay_due=next_replay_due,
+        said_at=utc(now_unix_s),
+        stale=any(silent),
+        production=[made(documents.ProductionEvidence, each) for each in production],
+        ripple=[made(documents.JointRipple, each, joint=joint) for joint, each in enumerate(ripple, start=1)],
+        **worded(
+            why=why,
+            stale_why=None if health is None else _stale_why(health, silent, now_unix_s, settings),
+            nothing_learnt=nothing_learnt,
+        ),
+    )
+
+
+def _joint(joint: JointHealth, stale: bool) -> documents.JointState:
+    return documents.JointState(
+        joint=joint.joint,
+        state=cast(State, joint.state),
+        since=utc(joint.since_unix_s),
+        stale=stale,
+        learnt_at=utc_if(joint.learnt_at_unix_s),
+        **worded(why=joint.why),
+    )
 
 
 def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:

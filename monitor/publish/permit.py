@@ -6,12 +6,12 @@ several programs answer, all of them must allow it.
 
 import json
 import logging
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import zenoh
 
 from monitor.errors import BusError
+from monitor.publish.documents import Permit, encoded
 from monitor.publish.registry import KINDS
 from monitor.publish.session import BusSettings, encoding, session_config
 
@@ -27,14 +27,14 @@ class PermitReply(NamedTuple):
     text: str
 
 
-def ask_permit(session: zenoh.Session, prefix: str, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
+def ask_permit(session: zenoh.Session, prefix: str, question: Permit, timeout_s: float) -> PermitReply | None:
     """Ask once; None where nobody answered in that time."""
     answers: list[PermitReply] = []
     silent = False  # a program that answers this key has not answered yet
     try:
         replies = session.get(
             f"{prefix}/{KEY}",
-            payload=json.dumps(about).encode(),
+            payload=encoded(question),
             encoding=encoding("permit"),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -95,6 +95,6 @@ class Asker:
     def __exit__(self, *_: object) -> None:
         self._session.close()
 
-    def ask(self, about: Mapping[str, Any], timeout_s: float) -> PermitReply | None:
+    def ask(self, question: Permit, timeout_s: float) -> PermitReply | None:
         """Ask once, as the function `ask_permit`."""
-        return ask_permit(self._session, self._prefix, about, timeout_s)
+        return ask_permit(self._session, self._prefix, question, timeout_s)

@@ -1,20 +1,103 @@
-"""Checks of queries: payloads and selector parameters that come in over the bus, with every mistake named.
+"""What is asked over the bus: payloads as types, selector parameters, and their checks, with every mistake named.
 
 A command (`cmd/…`) needs a valid payload; a query about the past takes selector parameters (`history?joint=3;limit=100`).
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from monitor.errors import BadInput
-from monitor.publish.documents import Request
-from monitor.publish.registry import kind_of
+from monitor.publish.documents import Joint, Rows
 from monitor.publish.timestamps import unix_s
 
 MOST_ROWS = 10_000
 MOST_EVENTS = 100
+Who = Annotated[str, Field(min_length=1, max_length=200, pattern=r"\S", description="name of the person or program that acts")]
+Why = Annotated[str, Field(max_length=2000)]
+
+
+class Request(BaseModel):
+    """What is asked: an unknown field is a mistake, and is named."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class AckRequest(Request):
+    """An alert has been seen, by whom and why it may wait."""
+
+    joint: Joint | None = Field(description="null is the arm")
+    condition: Annotated[str, Field(min_length=1, max_length=100)]
+    by: Who
+    why: Why = ""
+
+
+class UnackRequest(AckRequest):
+    """The acknowledgements of an alert are taken back: it waits for a person again."""
+
+
+class UnshelveRequest(AckRequest):
+    """A shelved alert is to be shown again."""
+
+
+class ShelveRequest(AckRequest):
+    """An alert need not be shown for some time."""
+
+    hours: Annotated[float, Field(gt=0.0, le=24.0 * 90)]
+
+
+class ServicedRequest(Request):
+    """Work on a joint: it was replaced, greased or overhauled."""
+
+    joint: Joint
+    kind: Annotated[str, Field(pattern="^(replaced|overhauled|greased)$", description="replaced, overhauled or greased")]
+    by: Who
+    why: Annotated[str, Field(min_length=1, max_length=2000, pattern=r"\S", description="what was found and done")]
+    at: str | None = Field(default=None, description="when it was done, e.g. 2026-01-31; null: now")
+
+
+class UndoServicedRequest(Request):
+    """The last declared work on a joint was a mistake, and is taken back."""
+
+    joint: Joint
+    by: Who
+    why: Why = ""
+
+
+class ReplayRequest(Request):
+    """A replay is asked for."""
+
+    by: Who
+    why: Why = ""
+
+
+class InspectedRequest(Request):
+    """A check was made."""
+
+    item: Annotated[str, Field(min_length=1, max_length=100)]
+    by: Who
+    why: Annotated[str, Field(min_length=1, max_length=2000, pattern=r"\S", description="what was found")]
+    at: str | None = Field(default=None, description="when it was made, e.g. 2026-01-31; null: now")
+
+
+class UndoInspectedRequest(Request):
+    """The last record of a check was a mistake, and is taken back."""
+
+    item: Annotated[str, Field(min_length=1, max_length=100)]
+    by: Who
+    why: Why = ""
+
+
+class TorqueRequest(Request):
+    """One sample or N; q̈ is 0 where not given, temperatures the present ones."""
+
+    q: Rows = Field(description="rad")
+    qd: Rows = Field(description="rad/s")
+    qdd: Rows | None = Field(default=None, description="rad/s²")
+    temperature_c: Rows | None = None
+
+
 Asked = TypeVar("Asked", bound=Request)
 
 
@@ -36,13 +119,13 @@ class EventsQuestion(NamedTuple):
     limit: int | None  # so many, the oldest; None: the newest MOST_EVENTS
 
 
-def request(model: type[Asked], payload: Mapping[str, Any]) -> Asked:
-    """A query's payload as a request of this type. Raises BadInput that names every wrong field."""
+def request(model: type[Asked], key: str, payload: Mapping[str, Any]) -> Asked:
+    """A query's payload as a request of this type. Raises BadInput that names the key and every wrong field."""
     try:
         return model.model_validate(payload)
     except ValidationError as error:
         wrong = "; ".join(f"{'.'.join(str(part) for part in problem['loc']) or 'payload'}: {problem['msg']}" for problem in error.errors())
-        raise BadInput(f"{kind_of(model).key()}: {wrong}") from None
+        raise BadInput(f"{key}: {wrong}") from None
 
 
 def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuestion:

@@ -1,15 +1,16 @@
 """The registry of documents on the bus: one entry a kind. The bus, the client, `schema` and the documentation's tests read it.
 
-A new document is one entry in `KINDS`, beside the type of its content in `documents`.
+A new document is one entry in `KINDS` and the type of its content in `documents` (of a request: in `queries`).
 """
 
 from dataclasses import dataclass
 from enum import Enum
+from string import Formatter
 from typing import Any
 
 from pydantic import BaseModel
 
-from monitor.publish import documents
+from monitor.publish import documents, queries
 
 
 class Delivery(Enum):
@@ -37,6 +38,10 @@ class DocumentKind:
     def key(self, **parts: Any) -> str:
         """The key of one document, e.g. `key(joint=3)` of `joint/{joint}/friction`. Raises KeyError where a part is missing."""
         return self.keys[0].format(**parts)
+
+    def key_of(self, document: BaseModel) -> str:
+        """The key of this document, which its own fields fill in."""
+        return self.key(**{part: getattr(document, part) for _, part, _, _ in Formatter().parse(self.keys[0]) if part})
 
     @property
     def selectors(self) -> tuple[str, ...]:
@@ -66,17 +71,17 @@ KINDS: dict[str, DocumentKind] = _entries(
     _entry("event", documents.Event, "event", Delivery.TRANSITION, "At every transition of an alert."),
     _entry("events", documents.Events, "event", _ANSWER, "On a query with the parameter `after`."),
     _entry("model", documents.Model, "model", _LAST, "After every assessed replay."),
-    _entry("torque-request", documents.TorqueRequest, "torque", _REQUEST, "When a client asks for torque."),
+    _entry("torque-request", queries.TorqueRequest, "torque", _REQUEST, "When a client asks for torque."),
     _entry("torque", documents.Torque, "torque", _ANSWER, "On a query with a torque-request."),
     _entry("torque-live", documents.TorqueLive, "torque/live", Delivery.STREAM, "While the arm is received, at `[bus] live_rate_hz`."),
     _entry("history", documents.History, "history", _ANSWER, "On a query with parameters."),
     _entry("monitor", documents.Monitor, "monitor", _LAST, "Every ten seconds."),
-    _entry("ack-request", documents.AckRequest, "cmd/ack", _REQUEST, "When a person acknowledges an alert."),
-    _entry("unack-request", documents.UnackRequest, "cmd/unack", _REQUEST, "When a person takes acknowledgements back."),
-    _entry("shelve-request", documents.ShelveRequest, "cmd/shelve", _REQUEST, "When a person shelves an alert."),
-    _entry("unshelve-request", documents.UnshelveRequest, "cmd/unshelve", _REQUEST, "When a person ends a shelving."),
-    _entry("serviced-request", documents.ServicedRequest, "cmd/serviced", _REQUEST, "When a person declares work on a joint."),
-    _entry("unserviced-request", documents.UndoServicedRequest, "cmd/unserviced", _REQUEST, "When a person takes that back."),
+    _entry("ack-request", queries.AckRequest, "cmd/ack", _REQUEST, "When a person acknowledges an alert."),
+    _entry("unack-request", queries.UnackRequest, "cmd/unack", _REQUEST, "When a person takes acknowledgements back."),
+    _entry("shelve-request", queries.ShelveRequest, "cmd/shelve", _REQUEST, "When a person shelves an alert."),
+    _entry("unshelve-request", queries.UnshelveRequest, "cmd/unshelve", _REQUEST, "When a person ends a shelving."),
+    _entry("serviced-request", queries.ServicedRequest, "cmd/serviced", _REQUEST, "When a person declares work on a joint."),
+    _entry("unserviced-request", queries.UndoServicedRequest, "cmd/unserviced", _REQUEST, "When a person takes that back."),
     _entry(
         "maintenance",
         documents.Maintenance,
@@ -98,9 +103,9 @@ KINDS: dict[str, DocumentKind] = _entries(
         _LAST,
         "Every ten minutes, at every stop of the arm's safety system, and when a check is recorded (`[inspection]`).",
     ),
-    _entry("inspected-request", documents.InspectedRequest, "cmd/inspected", _REQUEST, "When a person records a check."),
-    _entry("uninspected-request", documents.UndoInspectedRequest, "cmd/uninspected", _REQUEST, "When a person takes that back."),
-    _entry("replay-request", documents.ReplayRequest, "cmd/replay", _REQUEST, "When a person asks for a replay."),
+    _entry("inspected-request", queries.InspectedRequest, "cmd/inspected", _REQUEST, "When a person records a check."),
+    _entry("uninspected-request", queries.UndoInspectedRequest, "cmd/uninspected", _REQUEST, "When a person takes that back."),
+    _entry("replay-request", queries.ReplayRequest, "cmd/replay", _REQUEST, "When a person asks for a replay."),
     _entry("replay", documents.Replay, "replay", _LAST, "Before the arm moves for a replay, and after it."),
     _entry(
         "permit",

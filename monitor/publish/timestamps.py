@@ -18,6 +18,16 @@ def _date(day: int) -> str:
     return date.fromordinal(_FIRST_DAY + day).isoformat()
 
 
+def utc(unix_s: float) -> datetime:
+    """The time to the second, as documents carry it."""
+    return datetime.fromtimestamp(round(unix_s), UTC)
+
+
+def utc_if(unix_s: float | None) -> datetime | None:
+    """The same; None where there is none."""
+    return None if unix_s is None else utc(unix_s)
+
+
 def unix_s(text: str) -> float:
     """Seconds since 1970 of a day or a time in ISO 8601; UTC where no offset is given. Raises ValueError."""
     at = datetime.fromisoformat(text)

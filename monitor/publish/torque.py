@@ -5,6 +5,7 @@ The bus and `predict` share the query: its JSON, checked for shape, finiteness a
 
 import math
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from monitor.judge.prediction_error import MOVING_RAD_S
 from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import TorquePrediction, predictor_for
 from monitor.model.robot import Robot
+from monitor.publish.documents import Torque, TorqueLive
 from monitor.recording import Array, Recording
 
 MOST_SAMPLES = 10_000
@@ -27,8 +29,8 @@ _PARTS = ("torque_nm", "rigid_nm", "friction_nm", "std_nm", "extrapolated", "mea
 Rows = list[list[float]]
 
 
-def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | None, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Temperature-corrected joint torque of one sample or of N, as arrays or lists in the shape of the request.
+def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | None, request: Mapping[str, Any]) -> Torque:
+    """Temperature-corrected joint torque of one sample or of N, in the shape of the request; several thousand figures stay arrays.
 
     `q` and `qd` [rad, rad/s] are required; `qdd` [rad/s²] is 0 where it is missing, `temperature_c` the present one. Raises BadInput that
     names the wrong argument.
@@ -48,7 +50,7 @@ def torque_answer(model: CompensatedModel, robot: Robot, temperature_c: Array | 
     else:
         state = [np.broadcast_to(np.array(given, dtype=float), (N, robot.joints)) for given in rows.values()]
         parts = (*predictor.torque(*state), np.array(state[-1]))
-    return {**dict(zip(_PARTS, parts, strict=True)), "model_revision": model.revision}
+    return Torque.model_construct(**dict(zip(_PARTS, parts, strict=True)), model_revision=model.revision)
 
 
 def _rows(name: str, value: Any, joints: int, temperature_c: Array | None) -> Rows:
@@ -96,13 +98,13 @@ class LiveTorque:
         predicted = self._predictor.sample(q.tolist(), qd.tolist(), qdd.tolist(), temperature_c.tolist())
         return TorquePrediction(*(np.array([part]) for part in predicted)), current * self._gains
 
-    def document(self, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> dict[str, Any]:
-        """The published document of one sample, without its time; arrays are (J,).
+    def document(self, at: datetime, q: Array, qd: Array, temperature_c: Array, predicted: TorquePrediction, measured: Array) -> TorqueLive:
+        """The published document of one sample; arrays are (J,), and stay arrays.
 
         `std_nm` is the deviation of the residual, from model and measurement; `torque_std_nm` that of the torque itself.
         """
         known = bool(np.all(np.isfinite(measured)))
-        return {
+        figures: dict[str, Any] = {
             "q_rad": q,
             "qd_rad_s": qd,
             "temperature_c": temperature_c,
@@ -112,8 +114,8 @@ class LiveTorque:
             "measured_nm": measured if known else None,
             "residual_nm": measured - predicted.torque[0] if known else None,
             "extrapolated": predicted.extrapolated[0],
-            "model_revision": self.model.revision,
         }
+        return TorqueLive.model_construct(at=at, model_revision=self.model.revision, **figures)
 
 
 def sample_var(model: CompensatedModel, robot: Robot, gains: Array | None, recording: Recording) -> Array | None:

@@ -11,8 +11,9 @@ from monitor.judge.alerts.conditions import CONDITIONS, STORE_RESTORED
 from monitor.judge.alerts.health import Alert, Health, alert_document
 from monitor.judge.alerts.life_cycle import ACKNOWLEDGED_AND_OVER, service_alert, service_transition
 from monitor.judge.alerts.states import with_service_alert
-from monitor.publish.documents import AckRequest, InspectedRequest, ServicedRequest, UndoInspectedRequest, UndoServicedRequest
-from monitor.publish.timestamps import outside
+from monitor.publish import documents
+from monitor.publish.documents import made
+from monitor.publish.queries import AckRequest, InspectedRequest, ServicedRequest, UndoInspectedRequest, UndoServicedRequest
 from monitor.reason import reason_of
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.inspection import declare
@@ -31,7 +32,7 @@ class AlertChanges:
         self._state, self._store, self._publisher, self._now = state, state.store, publisher, state.now
         self.restored: str | None = None  # what became of a damaged history, until the alert about it is raised
 
-    def by_person(self, kind: str, request: AckRequest, change: Callable[[Health, float], Health]) -> dict[str, Any]:
+    def by_person(self, kind: str, request: AckRequest, change: Callable[[Health, float], Health]) -> documents.Answer:
         """Apply what a person does to an alert; returns the answer to the command. Raises BadInput without such an active alert."""
         with self._state.revising:
             at = self._now()
@@ -45,9 +46,9 @@ class AlertChanges:
                 self._revise_own("cleared", dataclasses.replace(alert, **gone), at)
         log.info("alert=%s/%s %s by=%r why=%r", request.joint or "arm", request.condition, kind, request.by, request.why)
         now = next((each for each in self._state.alerts.alerts if each.key == alert.key), alert)
-        return {"done": kind, "alert": outside(alert_document(now))}
+        return documents.Answer(done=kind, alert=made(documents.Alert, alert_document(now)))
 
-    def serviced(self, request: ServicedRequest) -> dict[str, Any]:
+    def serviced(self, request: ServicedRequest) -> documents.Answer:
         """Declare work on a joint; returns the answer to the command. Raises BadInput where the request does not fit this arm."""
         with self._state.revising:
             declared = declare_maintenance(self._store, self._state.configuration, self._state.estimator, request, self._now())
@@ -55,7 +56,7 @@ class AlertChanges:
         log.info("joint=%d serviced kind=%s by=%r why=%r", request.joint, request.kind, request.by, request.why)
         return declared.answer
 
-    def undo_serviced(self, request: UndoServicedRequest) -> dict[str, Any]:
+    def undo_serviced(self, request: UndoServicedRequest) -> documents.Answer:
         """Take the last declared work on a joint back; returns the answer to the command. Raises BadInput where that is not possible."""
         with self._state.revising:
             try:
@@ -66,18 +67,19 @@ class AlertChanges:
         log.info("joint=%d service taken back by=%r why=%r", request.joint, request.by, request.why)
         return declared.answer
 
-    def inspected(self, request: InspectedRequest | UndoInspectedRequest) -> dict[str, Any]:
+    def inspected(self, request: InspectedRequest | UndoInspectedRequest) -> documents.Answer:
         """Record a check, or take a record back; returns the answer to the command. Raises BadInput where the arm has no such check."""
         answer = declare(self._store, self._state.configuration.inspection, request, self._now())
-        log.info("check=%r %s by=%r why=%r", request.item, answer["done"], request.by, request.why)
+        log.info("check=%r %s by=%r why=%r", request.item, answer.done, request.by, request.why)
         self._publisher.inspection()
         return answer
 
     def _take(self, declared: Declared) -> None:
         """Take the state after work, and publish what it changed. The caller holds `revising`."""
         self._state.take_amended(declared.state)
-        self._publisher.act(declared.answer["maintenance"])
-        self._publisher.newest_friction(int(declared.answer["maintenance"]["joint"]))
+        assert declared.answer.maintenance is not None
+        self._publisher.say(declared.answer.maintenance)
+        self._publisher.newest_friction(declared.answer.maintenance.joint)
         for alert in declared.alerts:
             self._publisher.alert(alert)
         self._publisher.health()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
 from monitor.publish.bus import Bus
+from monitor.reason import Reason
 from monitor.service.alert_changes import AlertChanges
 from monitor.service.computing import HERE, Compute
 from monitor.service.duty import Duty
@@ -77,17 +78,17 @@ class Daemon:
         self.duty.keep()
         self.bus.close()
 
-    def look(self) -> str | None:
+    def look(self) -> Reason | None:
         """Look at the monitor itself and at its own alerts; returns for how long nothing was learnt, where that is too long.
 
         Call it often while the host's clock is believed. Raises StoreError.
         """
         now, configuration = self._now(), self.state.configuration
         due = self.state.due
-        text = nothing_learnt(configuration, self._store, now, due)
-        self.state.take_nothing_learnt(text)
+        why = nothing_learnt(configuration, self._store, now, due)
+        self.state.take_nothing_learnt(why)
         self.alerts.look(situation(configuration, self._store, now, self.heard, due))
-        return text
+        return why
 
     def _take_up(self) -> None:
         known = load_state(self._store)

@@ -1,25 +1,31 @@
 """The answers to queries on the bus: torque, history, transitions, and the commands of people."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
+from monitor.publish import documents
 from monitor.publish.bus import QueryHandler, handler
-from monitor.publish.documents import (
+from monitor.publish.documents import Document
+from monitor.publish.queries import (
+    MOST_EVENTS,
     AckRequest,
     InspectedRequest,
     ReplayRequest,
+    Request,
     ServicedRequest,
     ShelveRequest,
     UnackRequest,
     UndoInspectedRequest,
     UndoServicedRequest,
     UnshelveRequest,
+    events_question,
+    history_question,
+    request,
 )
-from monitor.publish.queries import MOST_EVENTS, events_question, history_question, request
 from monitor.publish.timestamps import rfc3339
 from monitor.publish.torque import torque_answer
 from monitor.service.alert_changes import AlertChanges
@@ -37,30 +43,29 @@ class Handlers:
 
     def by_key(self) -> dict[str, QueryHandler]:
         """All of them, by key below the robot's prefix."""
-        answers = {
-            "torque": self.torque,
-            "history": self.history,
-            "event": self.events,
-            "cmd/ack": self.acknowledge,
-            "cmd/unack": self.unacknowledge,
-            "cmd/shelve": self.shelve,
-            "cmd/unshelve": self.unshelve,
-            "cmd/serviced": self.serviced,
-            "cmd/unserviced": self.undo_serviced,
-            "cmd/inspected": self.inspected,
-            "cmd/uninspected": self.undo_inspected,
-            "cmd/replay": self.replay,
+        commands: dict[str, tuple[type[Request], Callable[[Any], documents.Answer]]] = {
+            "cmd/ack": (AckRequest, self.acknowledge),
+            "cmd/unack": (UnackRequest, self.unacknowledge),
+            "cmd/shelve": (ShelveRequest, self.shelve),
+            "cmd/unshelve": (UnshelveRequest, self.unshelve),
+            "cmd/serviced": (ServicedRequest, self.serviced),
+            "cmd/unserviced": (UndoServicedRequest, self.undo_serviced),
+            "cmd/inspected": (InspectedRequest, self.inspected),
+            "cmd/uninspected": (UndoInspectedRequest, self.undo_inspected),
+            "cmd/replay": (ReplayRequest, self.replay),
         }
+        answers: dict[str, Callable[[Mapping[str, Any]], Document]] = {"torque": self.torque, "history": self.history, "event": self.events}
+        answers |= {key: _command(model, key, act) for key, (model, act) in commands.items()}
         return {key: handler(key, about) for key, about in answers.items()}
 
-    def torque(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def torque(self, payload: Mapping[str, Any]) -> documents.Torque:
         """Temperature-corrected torque of the samples asked for."""
         model = self._state.torque_model  # one read: a replay may put another in its place meanwhile
         if model is None:
             raise BadInput("torque: there is no model yet; it comes with the first replay that is assessed")
         return torque_answer(model, self._state.robot, self._state.temperature_c, payload)
 
-    def history(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def history(self, parameters: Mapping[str, Any]) -> documents.History:
         """One page of past estimates, or of their changes."""
         question = history_question(parameters, self._state.robot.joints)
         if question.changed_after is not None:
@@ -70,19 +75,22 @@ class Handlers:
         )
         for row in rows:  # their one time; five years of them are asked for at once
             row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
-        return {"rows": rows, "next": following}
+        return documents.History.model_validate({"rows": rows, "next": following})
 
-    def _changes(self, after: int, limit: int) -> dict[str, Any]:
+    def _changes(self, after: int, limit: int) -> documents.History:
         """One page of changes; `limit` counts rows, about, as of any page."""
         identity = self._store.changes.history_id()  # before the rows: a restoration in between would give them another one's name
         page, following = self._store.changes.after(after, max(limit // self._state.robot.joints, 1))
         rows: dict[int, list[dict[str, Any]]] = {}
         for replay, joint, at, document in self._store.assessments.friction_of(sorted({replay for _, replay, _ in page})):
             rows.setdefault(replay, []).append({**document, "replay": replay, "joint": joint, "recorded_at": rfc3339(at)})
-        changes = [{"seq": seq, "replay": replay, "at": rfc3339(at), "rows": rows.get(replay, [])} for seq, replay, at in page]
-        return {"rows": [], "next": following, "changes": changes, "history_id": identity}
+        changes = [
+            documents.HistoryChange.model_validate({"seq": seq, "replay": replay, "at": rfc3339(at), "rows": rows.get(replay, [])})
+            for seq, replay, at in page
+        ]
+        return documents.History(rows=[], next=following, changes=changes, history_id=identity)
 
-    def events(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def events(self, parameters: Mapping[str, Any]) -> documents.Events:
         """The newest transitions after a number, or a page of the oldest ones."""
         after, limit = events_question(parameters)
         kept, following = self._store.events.range(), None
@@ -90,26 +98,24 @@ class Handlers:
             found = self._store.events.rows(after=after, limit=MOST_EVENTS)
         else:
             found, following = self._store.events.page(after, limit)
-        return {
-            "events": [event_document(event) for event in found],
-            "first_kept": kept[0] if kept else None,
-            "last": kept[1] if kept else None,
-            "next": following,
-            "history_id": self._store.changes.history_id(),
-        }
+        return documents.Events(
+            events=[event_document(event) for event in found],
+            first_kept=kept[0] if kept else None,
+            last=kept[1] if kept else None,
+            next=following,
+            history_id=self._store.changes.history_id(),
+        )
 
-    def acknowledge(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def acknowledge(self, command: AckRequest) -> documents.Answer:
         """A person has seen an alert."""
-        command = request(AckRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             return acknowledge(health, command.joint, command.condition, by=command.by, why=command.why, at_unix_s=at)
 
         return self._alerts.by_person("acknowledged", command, change)
 
-    def shelve(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def shelve(self, command: ShelveRequest) -> documents.Answer:
         """A person does not want to be shown an alert for some hours."""
-        command = request(ShelveRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             until = at + 3600.0 * command.hours
@@ -117,43 +123,40 @@ class Handlers:
 
         return self._alerts.by_person("shelved", command, change)
 
-    def unacknowledge(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def unacknowledge(self, command: UnackRequest) -> documents.Answer:
         """A person takes the acknowledgements of an alert back."""
-        command = request(UnackRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             return unacknowledge(health, command.joint, command.condition, by=command.by, why=command.why, at_unix_s=at)
 
         return self._alerts.by_person("unacknowledged", command, change)
 
-    def unshelve(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def unshelve(self, command: UnshelveRequest) -> documents.Answer:
         """A person wants to be shown an alert again before its shelving ends."""
-        command = request(UnshelveRequest, payload)
 
         def change(health: Health, at: float) -> Health:
             return unshelve(health, command.joint, command.condition, by=command.by, at_unix_s=at)
 
         return self._alerts.by_person("unshelved", command, change)
 
-    def serviced(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def serviced(self, command: ServicedRequest) -> documents.Answer:
         """A person declares work on a joint."""
-        return self._alerts.serviced(request(ServicedRequest, payload))
+        return self._alerts.serviced(command)
 
-    def undo_serviced(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def undo_serviced(self, command: UndoServicedRequest) -> documents.Answer:
         """A person takes the last declared work on a joint back."""
-        return self._alerts.undo_serviced(request(UndoServicedRequest, payload))
+        return self._alerts.undo_serviced(command)
 
-    def inspected(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def inspected(self, command: InspectedRequest) -> documents.Answer:
         """A person records a check."""
-        return self._alerts.inspected(request(InspectedRequest, payload))
+        return self._alerts.inspected(command)
 
-    def undo_inspected(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def undo_inspected(self, command: UndoInspectedRequest) -> documents.Answer:
         """A person takes the last record of a check back."""
-        return self._alerts.inspected(request(UndoInspectedRequest, payload))
+        return self._alerts.inspected(command)
 
-    def replay(self, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def replay(self, command: ReplayRequest) -> documents.Answer:
         """A person asks for a replay; conditions, guard and permit decide as for any other."""
-        command = request(ReplayRequest, payload)
         if self._state.configuration.replay.allow_motion is not True:
             raise BadInput("cmd/replay: refused: motion is not allowed here (allow_motion is false)")
         if self._state.requests is None:
@@ -162,4 +165,9 @@ class Handlers:
             raise BadInput("cmd/replay: refused: a replay is under way")
         self._state.requests.request()
         log.info("replay wanted by=%r why=%r", command.by, command.why)
-        return {"done": "accepted"}
+        return documents.Answer(done="accepted")
+
+
+def _command(model: type[Request], key: str, act: Callable[[Any], documents.Answer]) -> Callable[[Mapping[str, Any]], documents.Answer]:
+    """The handler that reads the payload of a command first."""
+    return lambda payload: act(request(model, key, payload))

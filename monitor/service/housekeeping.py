@@ -8,6 +8,7 @@ from typing import Any
 
 from monitor.config.schema import StoreSettings
 from monitor.errors import StoreError
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
 from monitor.service.left_arm import away
 from monitor.service.problems import Problems
@@ -33,7 +34,7 @@ def prune(store: Store, settings: StoreSettings, problems: Problems, now_unix_s:
             log.info("let go of %d recordings, %s to %s", len(gone), gone[0], gone[-1])
         problems.clear("retention")
     except StoreError as error:
-        problems.report("retention", str(error))
+        problems.report("retention", error.reason)
 
 
 def _limits(store: Store, settings: StoreSettings) -> dict[str, Any]:
@@ -48,10 +49,19 @@ def _limits(store: Store, settings: StoreSettings) -> dict[str, Any]:
 
 CHECK_EVERY_S = 10.0  # between two checks: short enough for a person who waits for a problem to end
 FRESH_S = 3600.0  # a backup younger than this is not made again: a service that restarts often makes no backup each time
+DAMAGED = Sentence("history_damaged", "the history is damaged: {why}; it is restored by the next start")
+CLOCK_BEHIND = Sentence(
+    "clock_behind",
+    "the newest entry of the history is {hours:.1f} h in the future: the clock was set back; "
+    "replays are recorded, and learnt from again once it has caught up",
+)
+WAITS_FOR_A_PERSON = Sentence(
+    "waits_for_a_person", "{stop}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
+)
 BEHIND_S = 3600.0  # the newest entry of the history lies so far in the future: the clock was set back
 
 
-class Maintenance:
+class Housekeeping:
     """Call `check` often, or `run` in a thread of its own."""
 
     def __init__(
@@ -73,7 +83,7 @@ class Maintenance:
             try:
                 self.check()
             except StoreError as error:
-                self._problems.report("store", str(error))
+                self._problems.report("store", error.reason)
             except Exception:  # maintenance must go on after an error of this program; the log names it
                 log.exception("upkeep met a fault")
             stopping.wait(CHECK_EVERY_S)
@@ -81,7 +91,7 @@ class Maintenance:
     def check(self) -> None:
         """Check disk, clock and stops now; back up and prune at the start and once a day. Raises StoreError."""
         short = too_little_room(self._store, self._settings().least_free_mb)
-        self._problems.update("disk", None if short is None else short.removeprefix("disk: "))
+        self._problems.update("disk", short)
         self._problems.update("clock_behind", self._behind())
         self._problems.update("stop", self._stopped())
         self._problems.update("away", away(self._store))
@@ -97,7 +107,7 @@ class Maintenance:
             wrong = lost(self._store.directory)
             if wrong is not None:
                 self.damaged = wrong
-                self._problems.report("store", f"the history is damaged: {wrong}; it is restored by the next start")
+                self._problems.report("store", DAMAGED(why=wrong))
                 return
             newest = next(iter(backups(self._store.directory)), None)
             # by the host's own clock, which also names them; one from the future was made by a wrong clock
@@ -106,24 +116,21 @@ class Maintenance:
                 log.info("backup %s, %.1f MB", made.name, made.stat().st_size / 1e6)
             self._problems.clear("backup")
         except StoreError as error:
-            self._problems.report("backup", str(error))
+            self._problems.report("backup", error.reason)
         if not settings.recordings:  # with an archive, the thread of the uploads does so, once it has seen what that has
             prune(self._store, settings, self._problems, now)
 
-    def _behind(self) -> str | None:
+    def _behind(self) -> Reason | None:
         """The problem that the history holds later times than the clock; None where it does not."""
         newest = self._store.ledger.newest_unix_s()
         if newest is None or newest - self._now() < BEHIND_S:
             return None
-        return (
-            f"the newest entry of the history is {(newest - self._now()) / 3600.0:.1f} h in the future: the clock was set back; "
-            "replays are recorded, and learnt from again once it has caught up"
-        )
+        return CLOCK_BEHIND(hours=(newest - self._now()) / 3600.0)
 
-    def _stopped(self) -> str | None:
+    def _stopped(self) -> Reason | None:
         """The problem that a replay ended in a stop, after which a person must check the arm; None where nothing waits."""
         for motion in self._store.motions.give_up_left_over(self._now()):
             log.warning("%s; a person must look at the arm", motion.end_unknown)
         for stop in self._store.stops.waiting():
-            return f"{stop.text}; nothing moves until a person has looked at the arm and says so: joint-monitor allow"
+            return WAITS_FOR_A_PERSON(stop=stop.said)
         return None

@@ -13,9 +13,10 @@ from monitor.acquire.schedule.windows import ScheduleSettings, upcoming
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.condition import Allowed, ServiceSituation, Standing
 from monitor.publish.timestamps import rfc3339
-from monitor.reason import Reason, reason_of
+from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import DAY_S
 from monitor.service.lending import DueReplay
+from monitor.service.scheduler import NO_REFUSAL
 from monitor.store.store import Store
 
 WINDOWS = 3  # so many in a row without a verdict are no chance
@@ -24,6 +25,10 @@ UNHEARD_WINDOWS, UNHEARD_DAYS = 2, 1.0  # an arm that is switched off for a nigh
 WITHOUT_WINDOWS_DAYS = 3.0  # an arm that is not heard, where the schedule names no windows
 COUNTED = 1000  # newest windows of which the text counts how they ended
 HEARD = "arm_heard_at"  # name of the note with the time at which the arm was heard last, or was listened for first
+_NOTHING = "nothing was learnt of this arm for {days:.0f} days, since {since}; windows since then: {counts}"
+NOTHING_LEARNT = Sentence("nothing_learnt", _NOTHING)
+NOTHING_LEARNT_LAST = Sentence("nothing_learnt_last", _NOTHING + "; the last one: {last}")
+NOTHING_LEARNT_DUE = Sentence("nothing_learnt_due", _NOTHING + "; a replay is {due}")
 NOTE_EVERY_S = 600.0  # between two writes of that note
 TRIED_S = 60.0  # so long after the start an arm that answers has been heard
 
@@ -58,7 +63,7 @@ def unlearnt(configuration: Configuration, store: Store) -> Standing | None:
     return Standing(since, next((row.reason for row in rows if row.reason), None), until)
 
 
-def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float, due: DueReplay | None = None) -> str | None:
+def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float, due: DueReplay | None = None) -> Reason | None:
     """For how long nothing was learnt, and why, where that is too long; else None. Raises StoreError."""
     standing = unlearnt(configuration, store)
     if standing is None or standing.until_unix_s is None or now_unix_s < standing.until_unix_s:
@@ -67,12 +72,10 @@ def nothing_learnt(configuration: Configuration, store: Store, now_unix_s: float
     windows = [row for row in store.ledger.rows(limit=COUNTED) if row.started_at_unix_s >= since and row.state != "assessed"]
     counts = ", ".join(f"{count} {state}" for state, count in Counter(row.state for row in windows).most_common()) or "none"
     newest = next((row.reason for row in reversed(windows) if row.reason), None)
-    text = (
-        f"nothing was learnt of this arm for {(now_unix_s - since) / DAY_S:.0f} days, since {rfc3339(since)}; windows since then: {counts}"
-    )
+    facts = {"days": (now_unix_s - since) / DAY_S, "since": rfc3339(since), "counts": counts}
     if due is not None:
-        return f"{text}; a replay is {due.since_text()}"
-    return text if newest is None else f"{text}; the last one: {newest}"
+        return NOTHING_LEARNT_DUE(**facts, due=due.due)
+    return NOTHING_LEARNT(**facts) if newest is None else NOTHING_LEARNT_LAST(**facts, last=newest)
 
 
 class ArmHeard:
@@ -123,13 +126,13 @@ def situation(
     """
     waiting = store.stops.waiting()
     allowed = [Allowed(at, stop.allowed_by or "", stop.allowed_why or "") for stop in store.stops.rows() if (at := stop.allowed_at_unix_s)]
-    refused = store.ledger.refused_in_a_row()
+    refused = store.ledger.refused_in_a_row(NO_REFUSAL)
     return ServiceSituation(
         now_unix_s=now_unix_s,
-        stop=Standing(waiting[0].at_unix_s, reason_of(waiting[-1].text)) if waiting else None,
+        stop=Standing(waiting[0].at_unix_s, waiting[-1].said) if waiting else None,
         refused=None if refused is None else Standing(refused[1], refused[2], windows=refused[0]),
         unlearnt=unlearnt(configuration, store),
         unheard=None if heard is None else heard.standing(configuration.schedule, store.ledger.began_unix_s()),
         allowed=max(allowed, default=None),
-        due=None if due is None else Standing(due.since_unix_s, reason_of(due.text)),
+        due=None if due is None else Standing(due.since_unix_s, due.waits_for),
     )

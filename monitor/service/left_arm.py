@@ -12,10 +12,10 @@ from monitor.acquire.safety.conditions import named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs
 from monitor.acquire.safety.way import JOIN_RAD, Left, left_from_document, nearest_place
 from monitor.config.schema import Configuration
-from monitor.errors import BadInput, ReplayAborted, RobotUnreachable
+from monitor.errors import DOES_NOT_HOLD, BadInput, ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.publish.timestamps import rfc3339
-from monitor.reason import Sentence
+from monitor.reason import Reason, Sentence
 from monitor.recording import Context
 from monitor.store.store import Store
 
@@ -23,6 +23,8 @@ ON_PATH = frozenset({"play", "way_back"})  # phases in which the arm is on its t
 MOST_FAILED = 3  # motions in succession that ended while they brought the arm back: then something speaks against it
 COUNTED = 100  # newest windows that are looked through
 LOOK_S = 5.0  # for the arm's state, when a person lets it be brought back
+AWAY = Sentence("away", "nothing is learnt: since {since} the window was refused: {why}")
+AWAY_LONG = Sentence("away_for_windows", "nothing is learnt: since {since} each of {windows} windows was refused: {why}")
 NEAR = ("approach_near", "approach_clear")  # the conditions that an arm far from its start does not fulfil
 
 
@@ -82,20 +84,21 @@ def let_back(configuration: Configuration, store: Store) -> str:
     return named_conditions(known, NEAR)[0].text
 
 
-def away(store: Store) -> str | None:
+def away(store: Store) -> Reason | None:
     """The problem that the newest windows were refused because the arm stands too far from its start: that does not pass by itself.
 
     None where it is not so. Raises StoreError.
     """
     refused = []
     for row in reversed(store.ledger.rows(limit=COUNTED)):
-        if row.state != "skipped" or not (row.reason_text or "").startswith(NEAR):
+        reason = row.reason
+        if row.state != "skipped" or reason is None or reason.code != DOES_NOT_HOLD.code or reason.parameters["condition"] not in NEAR:
             break
         refused.append(row)
     if not refused:
         return None
-    windows = "the window" if len(refused) == 1 else f"each of {len(refused)} windows"
-    return f"nothing is learnt: since {rfc3339(refused[-1].started_at_unix_s)} {windows} was refused: {refused[0].reason}"
+    sentence = AWAY if len(refused) == 1 else AWAY_LONG
+    return sentence(since=rfc3339(refused[-1].started_at_unix_s), windows=len(refused), why=refused[0].reason)
 
 
 def condition_inputs(configuration: Configuration, excitation: Excitation, context: Context) -> ConditionInputs:

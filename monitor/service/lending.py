@@ -12,18 +12,29 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 from monitor.acquire.driver import Driver
 from monitor.acquire.schedule.windows import Window, blackouts
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, RobotUnreachable
-from monitor.publish.timestamps import rfc3339
+from monitor.publish import documents
+from monitor.publish.timestamps import rfc3339, utc
+from monitor.reason import Reason, Sentence
 from monitor.store.history.ledger import Borrow, LedgerRow
 from monitor.store.store import Store
 
 NOTE = "replay_due"
-WAITING = "waiting for the program's node"
+NOT_OFFERED = Sentence("not_offered", "not offered to the program: {why}")
+PASSED_BY = Sentence("passed_by", "waiting for the program's node; at the last one: {why}")
+NO_NODE_YET = Sentence("no_node_yet", "waiting for the program's node; none was reached yet")
+NODE_REFUSED = Sentence("refused_at_node", "hand_over: at the last node: {why}")
+NO_NODE = Sentence("no_node_reached", "hand_over: the program reached no node")
+DUE_SINCE = Sentence("due_since", "due since {since} ({why}), {waits_for}")
+SERVED = Sentence("window_served", "one replay serves this window and that of {window}")
+DUE_ONCE = Sentence("due_once", "hand_over: due once, and not any longer after the restart")
+BLACKOUT = Sentence("blackout", "blackout: nothing is replayed today")
+HAS_WINDOW = Sentence("has_window", "hand_over: the history has this window already")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,33 +47,33 @@ class DueReplay:
     kind: str = "scheduled"  # or requested
     why: str = "cron"  # what opened its window
     tries: int = 0  # replays begun for it that this machine or the network ended
-    refused: str = ""  # why the program is not asked to offer the arm; empty: it is
-    passed_by: str = ""  # why the arm was not taken at the last node; empty: none was reached since
+    refused: Reason | None = None  # why the program is not asked to offer the arm; None: it is
+    passed_by: Reason | None = None  # why the arm was not taken at the last node; None: none was reached since
 
     @property
-    def text(self) -> str:
+    def waits_for(self) -> Reason:
         """What it waits for, as a clause."""
-        if self.refused:
-            return f"not offered to the program: {self.refused}"
-        return f"{WAITING}; {f'at the last one: {self.passed_by}' if self.passed_by else 'none was reached yet'}"
+        if self.refused is not None:
+            return NOT_OFFERED(why=self.refused)
+        return PASSED_BY(why=self.passed_by) if self.passed_by is not None else NO_NODE_YET()
 
     @property
-    def reason(self) -> str:
+    def reason(self) -> Reason:
         """Why its window ended without a replay."""
-        if self.refused:
+        if self.refused is not None:
             return self.refused
-        return f"hand_over: at the last node: {self.passed_by}" if self.passed_by else "hand_over: the program reached no node"
+        return NODE_REFUSED(why=self.passed_by) if self.passed_by is not None else NO_NODE()
 
-    def as_document(self) -> dict[str, Any]:
-        """For the document `monitor`, its times not yet text."""
-        return {
-            "since_unix_s": self.since_unix_s,
-            "until_unix_s": self.until_unix_s,
-            "kind": self.kind,
-            "why": self.why,
-            "tries": self.tries,
-            "text": self.text,
-        }
+    def document(self) -> documents.DueReplay:
+        """For the document `monitor`."""
+        return documents.DueReplay(
+            since=utc(self.since_unix_s),
+            until=utc(self.until_unix_s),
+            kind=self.kind,
+            why=self.why,
+            tries=self.tries,
+            **self.waits_for.document(),
+        )
 
     def keep(self, store: Store) -> None:
         """Note it. Raises StoreError."""
@@ -77,11 +88,12 @@ class DueReplay:
 
     def another_try(self, now_unix_s: float) -> Self:
         """The same after a replay that ended early: the ledger has its window already, so that the next try is one of its own."""
-        return replace(self, key_unix_s=now_unix_s, tries=self.tries + 1, refused="", passed_by="")
+        return replace(self, key_unix_s=now_unix_s, tries=self.tries + 1, refused=None, passed_by=None)
 
-    def since_text(self) -> str:
+    @property
+    def due(self) -> Reason:
         """The whole as a sentence without its stop."""
-        return f"due since {rfc3339(self.since_unix_s)} ({self.why}), {self.text}"
+        return DUE_SINCE(since=rfc3339(self.since_unix_s), why=self.why, waits_for=self.waits_for)
 
 
 def forget(store: Store) -> None:
@@ -101,7 +113,7 @@ class BorrowedWindow:
         replaying: Lock,
         due: DueReplay,
         now: Callable[[], float],
-        passed_by: Callable[[str], None] = lambda _: None,
+        passed_by: Callable[[Reason], None] = lambda _: None,
         *,
         ask_program: Callable[[], str | None] = lambda: None,
     ) -> None:
@@ -126,7 +138,7 @@ class BorrowedWindow:
                 self._entered_at = self._now()
                 self.ledger_id = self._store.ledger.claim(self._due.key_unix_s, self._due.kind, self._entered_at)
                 if self.ledger_id is None:
-                    raise MotionRefused("hand_over: the history has this window already")
+                    raise MotionRefused(HAS_WINDOW())
                 self._stack = stack.pop_all()
         return self.ledger_id
 
@@ -195,7 +207,7 @@ class Lender(Protocol):
     def configuration(self) -> Configuration:
         """The settings in force."""
 
-    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[Reason], None]) -> LedgerRow | Reason:
         """Replay at the program's next node: the row of that; or why the arm was not taken, where it was not while `waits`.
 
         passed : takes why a node was passed by.
@@ -204,7 +216,7 @@ class Lender(Protocol):
     def note_due(self, due: DueReplay | None) -> None:
         """Take which replay waits for the program's node."""
 
-    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+    def skip(self, window_unix_s: float, reason: Reason, kind: str = "scheduled") -> None:
         """Enter a window as skipped, with the reason."""
 
 
@@ -219,7 +231,7 @@ class Lending:
         if kept is None:
             return
         if store.restored is not None or not self.lent:  # what became of it since the backup is not known; or nobody lends the arm any more
-            monitor.skip(kept.key_unix_s, "hand_over: due once, and not any longer after the restart", kept.kind)
+            monitor.skip(kept.key_unix_s, DUE_ONCE(), kept.kind)
             forget(store)
             return
         self._take(kept)
@@ -239,12 +251,12 @@ class Lending:
             until = window.closes_unix_s if window.why in TRIGGERED else window.opens_unix_s + lent.wait_s
             due = DueReplay(key_unix_s=window.key_unix_s, since_unix_s=window.opens_unix_s, until_unix_s=until, kind=kind, why=window.why)
             if self.due is not None:
-                self._monitor.skip(self.due.key_unix_s, serves(window.key_unix_s), self.due.kind)
+                self._monitor.skip(self.due.key_unix_s, SERVED(window=rfc3339(window.key_unix_s)), self.due.kind)
             due.keep(self._store)
             self._take(due)
-            log.info("a replay is %s", due.since_text())
+            log.info("a replay is %s", due.due)
         elif kind == "scheduled":
-            self._monitor.skip(window.key_unix_s, serves(self.due.key_unix_s))
+            self._monitor.skip(window.key_unix_s, SERVED(window=rfc3339(self.due.key_unix_s)))
         self._not_before = 0.0
 
     def joined(self, window: Window) -> bool:
@@ -256,15 +268,15 @@ class Lending:
         apart = window.closes_unix_s <= self.due.since_unix_s or window.opens_unix_s >= self.due.until_unix_s
         if apart or self.due.why in TRIGGERED:
             return False
-        self._monitor.skip(window.key_unix_s, serves(self.due.key_unix_s))
+        self._monitor.skip(window.key_unix_s, SERVED(window=rfc3339(self.due.key_unix_s)))
         return True
 
-    def hindered(self, now: float) -> str | None:
+    def hindered(self, now: float) -> Reason | None:
         """Why nothing is replayed on this day; None where nothing speaks against it."""
         dark = any(begin <= now < end for begin, end in blackouts(self._monitor.configuration.schedule))
-        return "blackout: nothing is replayed today" if dark else None
+        return BLACKOUT() if dark else None
 
-    def at_a_node(self, now: float, hindered: str | None, waits: Callable[[], bool]) -> LedgerRow | None:
+    def at_a_node(self, now: float, hindered: Reason | None, waits: Callable[[], bool]) -> LedgerRow | None:
         """Wait for the program's node as long as `waits`, and replay there; None where the arm was not taken.
 
         hindered : why the program is not asked at all now. Raises StoreError.
@@ -282,7 +294,7 @@ class Lending:
             return None
         if now < self._not_before:
             return None
-        self._take(replace(due, refused=""))
+        self._take(replace(due, refused=None))
         asked_to_yield = False
 
         def still() -> bool:
@@ -291,7 +303,7 @@ class Lending:
             return not asked_to_yield
 
         found = self._monitor.borrow(due, still, self._passed_by)
-        if isinstance(found, str):
+        if isinstance(found, Reason):
             if not asked_to_yield:
                 if found != due.refused:
                     log.warning("the program is not asked for the arm: %s", found)
@@ -314,7 +326,7 @@ class Lending:
         self._take(another)
         self._not_before = ended + schedule.try_again_after_s
 
-    def _passed_by(self, why: str) -> None:
+    def _passed_by(self, why: Reason) -> None:
         if self.due is not None and self.due.passed_by != why:
             self._take(replace(self.due, passed_by=why))
 
@@ -329,8 +341,3 @@ class Lending:
     def _done(self) -> None:
         forget(self._store)
         self._take(None)
-
-
-def serves(key_unix_s: float) -> str:
-    """Why a window has no replay of its own: that of another one is enough."""
-    return f"one replay serves this window and that of {rfc3339(key_unix_s)}"

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from monitor.acquire.listen import LiveState
 from monitor.publish.bus import Bus
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import utc
 from monitor.recording import Array
 from monitor.service.production_motion import Sample
 from monitor.service.publisher import Publisher
@@ -67,7 +67,7 @@ class LiveComparison:
         if not self._state.replaying.locked():  # a replay is judged by its own recording
             self._state.production_motion.worked(live.model, predicted, Sample(now, qd, qdd, measured), dt_s)
             self._request_earlier_replay(now)
-        self._publisher.live({"at": rfc3339(now), **live.document(q, qd, temperature_c, predicted, measured)})
+        self._publisher.say(live.document(utc(now), q, qd, temperature_c, predicted, measured))
 
     def _request_earlier_replay(self, now: float) -> None:
         """Where production work indicates more friction, the next replay may come sooner; windows, permission and guard still decide."""

@@ -5,17 +5,19 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from monitor.acquire.driver import ErrorLink
 from monitor.acquire.state import ROBOT_MODE_RUNNING
 from monitor.config.load import load
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, StoreError
+from monitor.publish import documents
+from monitor.publish.documents import Reload, worded
+from monitor.publish.timestamps import utc
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.live import ArmLink, LiveFeed
-from monitor.service.monitor_document import MonitorDocument, status_line
+from monitor.service.monitor_document import MonitorDocument, OfOthers, status_line
 from monitor.service.problems import Problems
 from monitor.service.replay import Monitor
 from monitor.service.scheduler import Scheduler
@@ -29,7 +31,7 @@ class Reloader:
 
     def __init__(self, monitor: Monitor, scheduler: Scheduler) -> None:
         self._monitor, self._scheduler = monitor, scheduler
-        self.outcome: dict[str, Any] | None = None  # of the last reload; None before the first
+        self.outcome: Reload | None = None  # of the last reload; None before the first
 
     def reload(self) -> None:
         """Read the file once more. A mistake in it is logged, and the settings in force stay."""
@@ -47,7 +49,7 @@ class Reloader:
         notify("READY=1")
 
     def _keep(self, *, done: bool, text: str, waiting: Sequence[str] = (), held: Sequence[str] = ()) -> None:
-        self.outcome = {"at_unix_s": time.time(), "done": done, "told": text, "waiting": list(waiting), "held": list(held)}
+        self.outcome = Reload(at=utc(time.time()), done=done, text=text, waiting=list(waiting), held=list(held))
 
 
 WORKER_PATIENCE_S = 90.0  # a worker is late after this: an upload, a permit, an assessment on a busy machine take less
@@ -59,7 +61,7 @@ class Workers:
     """The parts that the loop calls, and the problems and heartbeats that they share."""
 
     scheduler: Scheduler
-    maintenance: Maintenance
+    housekeeping: Housekeeping
     document: MonitorDocument
     reloader: Reloader
     problems: Problems
@@ -78,9 +80,9 @@ class MainLoop:
         self._health_at = self._monitor_at = 0.0  # monotonic; 0: not yet
 
     def run(self) -> None:
-        """Until `stopping` is set, or maintenance finds damage."""
+        """Until `stopping` is set, or housekeeping finds damage."""
         state = self._daemon.state
-        while not self._feed.wait(state.stopping) and self._workers.maintenance.damaged is None:
+        while not self._feed.wait(state.stopping) and self._workers.housekeeping.damaged is None:
             self._feed.step()
             if self._errors is not None and state.configuration.inspection.wanted:
                 self._daemon.duty.hear(self._errors.poll())
@@ -112,7 +114,7 @@ class MainLoop:
         try:
             self._daemon.heard.observe(link.reachable, link.problem)
         except StoreError as error:
-            problems.report("store", str(error))
+            problems.report("store", error.reason)
         problems.update("restored", self._daemon.alerts.restored)
         problems.update("assessment", self._daemon.monitor.unassessed)
 
@@ -124,34 +126,35 @@ class MainLoop:
         try:
             problems.update("nothing_learnt", self._daemon.look())
         except StoreError as error:  # the next round tries again
-            problems.report("store", str(error))
+            problems.report("store", error.reason)
 
     def _publish_monitor(self) -> None:
         workers, bus = self._workers, self._daemon.bus
         workers.problems.update("router", bus.without_router())
         document = monitor_document(self._daemon, self._link, workers)
         # the sender's heartbeat is that this document leaves, whatever the history does
-        self._daemon.publisher.say("monitor", document, done=lambda: workers.heartbeats.beat("bus", WORKER_PATIENCE_S))
+        self._daemon.publisher.say(document, done=lambda: workers.heartbeats.beat("bus", WORKER_PATIENCE_S))
         workers.document.write(document)
         notify(f"STATUS={status_line(self._daemon.monitor.health_state, document)}")
 
 
-def monitor_document(daemon: Daemon, link: ArmLink, workers: Workers) -> dict[str, Any]:
-    """The document `monitor`, its times not yet text."""
+def monitor_document(daemon: Daemon, link: ArmLink, workers: Workers) -> documents.Monitor:
+    """The document `monitor`."""
     try:
         upcoming = workers.scheduler.coming(1)
     except StoreError:  # reported as a problem by those who need more of it than this
         upcoming = []
+    due = daemon.state.due
     return workers.document.collect(
-        workers.reloader.outcome,
-        {
-            "next_replay_due_unix_s": upcoming[0].opens_unix_s if upcoming else None,
-            "next_replay_why": upcoming[0].why if upcoming else None,
-            "due": None if daemon.state.due is None else daemon.state.due.as_document(),
-            "lag_s": workers.scheduler.lag_s,
-            "arm": {"heard": link.reachable, "trouble": link.problem},
-            "bus": daemon.bus.lengths(),
-            "workers": workers.heartbeats.ages_s(),
-            "overrides": list(daemon.state.configuration.overrides),
-        },
+        OfOthers(
+            reload=workers.reloader.outcome,
+            next_replay_due=utc(upcoming[0].opens_unix_s) if upcoming else None,
+            next_replay_why=upcoming[0].why if upcoming else None,
+            due=None if due is None else due.document(),
+            lag_s=workers.scheduler.lag_s,
+            arm=documents.ArmLink(heard=link.reachable, **worded(trouble=link.problem)),
+            bus=daemon.bus.waiting(),
+            workers=workers.heartbeats.ages_s(),
+            overrides=list(daemon.state.configuration.overrides),
+        )
     )

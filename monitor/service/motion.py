@@ -22,8 +22,9 @@ from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.fourier import Excitation
+from monitor.publish import documents
+from monitor.publish.documents import made
 from monitor.publish.permit import PermitReply
-from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
@@ -49,7 +50,7 @@ class Window(Protocol):
         """The program has its arm again."""
 
 
-AskAnswer = Callable[[Mapping[str, Any], float], PermitReply | None]
+AskAnswer = Callable[[documents.Permit, float], PermitReply | None]
 
 
 class MotionLog:
@@ -232,9 +233,7 @@ def permit_by(ask: AskAnswer) -> AskPermit:
     """A permit by the answer of whoever answers on the bus."""
 
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
-        question = outside(dict(about))
-        assert isinstance(question, dict)
-        answer = ask(question, timeout_s)
+        answer = ask(made(documents.Permit, about), timeout_s)
         return None if answer is None else Permit(answer.allowed, answer.text)
 
     return asking

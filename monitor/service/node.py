@@ -22,6 +22,7 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.settings import HandOver
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, MonitorError
+from monitor.reason import Sentence
 from monitor.service.problems import Problems
 
 FILE = "hand-over-node.json"
@@ -91,6 +92,7 @@ def kept(directory: Path, driver: Driver | None = None) -> NodeText | None:
 log = logging.getLogger(__name__)
 
 PROBLEM = "hand_over"
+NODE_DOES_NOTHING = Sentence("node_does_nothing", "a program that is played now gets a node that does nothing: {why}")
 ASK_EVERY_S = 10.0  # until the controller has said which software it runs
 LOOK_EVERY_S = 600.0  # whether its software has changed since
 # what a node gets before the text is known: the program plays, and its node does nothing
@@ -134,7 +136,7 @@ class NodeServer:
             self._problems.clear(PROBLEM)
         except MonitorError as error:
             if self._node is None:  # with a text that is kept the node is answered all the same
-                self._problems.report(PROBLEM, f"a program that is played now gets a node that does nothing: {error}")
+                self._problems.report(PROBLEM, NODE_DOES_NOTHING(why=error.reason))
 
     def _take(self, node: NodeText) -> None:
         if self._node is not None and node.number != self._node.number:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import platform
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,36 +16,39 @@ from monitor.judge.alerts.health import Alert, alert_document
 from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple
+from monitor.publish import documents
 from monitor.publish.bus import Bus
-from monitor.publish.health_document import published_health
-from monitor.publish.timestamps import outside
+from monitor.publish.documents import Document, made, worded
+from monitor.publish.health_document import health_document
+from monitor.publish.timestamps import utc, utc_if
 from monitor.recording import Context
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
 from monitor.service.history.needed import from_production_document, need_document, needed
 from monitor.service.shared_state import SharedState
 from monitor.store.history.events import AlertEvent
+from monitor.store.history.ledger import LedgerRow
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux makes another identifier at every boot of the host, proc(5)
 PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # their versions decide what is on the wire and in the figures
 
 
-def info(configuration: Configuration, *, started_at_unix_s: float, context: Context | None) -> dict[str, Any]:
-    """The document before its times become text. `context`: of the last replay, with serial and firmware as reported by the controller."""
+def info(configuration: Configuration, *, started_at_unix_s: float, context: Context | None) -> documents.Info:
+    """Who watches which arm, with which programs, and since when. context : of the last replay, with what the controller reported."""
     seen = context or configuration.context
-    return {
-        "robot": dataclasses.asdict(configuration.robot),
-        "serial": seen.serial or configuration.robot.serial,
-        "firmware": seen.firmware,
-        "mounting": configuration.robot.mounting,
-        "version": __version__,
-        "versions": versions(),
-        "host": socket.gethostname(),
-        "boot_id": boot_id(),
-        "started_at_unix_s": started_at_unix_s,
-        "configuration_digest": digest(configuration),
-        "trajectory_digest": configuration.excitation.digest,
-    }
+    return documents.Info(
+        robot=dataclasses.asdict(configuration.robot),
+        serial=seen.serial or configuration.robot.serial or None,
+        firmware=seen.firmware,
+        mounting=configuration.robot.mounting,
+        version=__version__,
+        versions=versions(),
+        host=socket.gethostname(),
+        boot_id=boot_id(),
+        started_at=utc(started_at_unix_s),
+        configuration_digest=digest(configuration),
+        trajectory_digest=configuration.excitation.digest,
+    )
 
 
 def digest(configuration: Configuration) -> str:
@@ -86,11 +89,9 @@ class Publisher:
         self._bus, self._state, self._store, self._now = bus, state, state.store, state.now
         self._started_at_unix_s = self._now()
 
-    def say(self, kind: str, document: dict[str, Any], *, done: Callable[[], None] | None = None, **parts: Any) -> None:
-        """Publish one document of a registered kind, its times as text. `parts` fill in its key; `done` runs once it is sent."""
-        published = outside(document)
-        assert isinstance(published, dict)
-        self._bus.say(kind, published, done=done, **parts)
+    def say(self, document: Document, *, done: Callable[[], None] | None = None) -> None:
+        """Publish one document of a registered kind; `done` runs once it is sent."""
+        self._bus.say(document, done=done)
 
     def everything(self) -> None:
         """Publish every last value that is known at a start."""
@@ -98,7 +99,7 @@ class Publisher:
         for joint in range(1, self._state.robot.joints + 1):
             self.newest_friction(joint)
         for row in self._store.maintenance.rows():  # of each joint the last one stays
-            self.act(row_document(row))
+            self.say(row_document(row))
         self.judgement()
         self.from_production()
         self.inspection()
@@ -107,40 +108,34 @@ class Publisher:
         """Publish who watches which arm, with what, and since when."""
         belief = self._state.estimator.belief
         context = belief.context if belief else None
-        self.say("info", info(self._state.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+        self.say(info(self._state.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
 
     def health(self) -> None:
         """Publish the states of arm and joints and whether they are too old; also before the first assessment."""
-        now, nothing_learnt = self._now(), self._state.nothing_learnt
+        state, belief = self._state, self._state.estimator.belief
         self.say(
-            "health",
-            {
-                **published_health(self._state.alerts, now, self._state.configuration.assess.health),
-                "ripple": self._ripple(),
-                "production": [plain(each) for each in self._state.production_motion.evidence()],
-                "next_replay_due_unix_s": self._state.next_due_unix_s,
-                "said_at_unix_s": now,
-                **({} if nothing_learnt is None else {"nothing_learnt": nothing_learnt}),
-            },
+            health_document(
+                state.alerts,
+                self._now(),
+                state.configuration.assess.health,
+                next_replay_due=utc_if(state.next_due_unix_s),
+                nothing_learnt=state.nothing_learnt,
+                production=state.production_motion.evidence(),
+                ripple=(None if belief is None else joint_ripple(belief.ripple)) or (),
+            )
         )
-
-    def _ripple(self) -> list[dict[str, Any]]:
-        """The gear ripple of each joint after the last replay; empty where none was seen."""
-        belief = self._state.estimator.belief
-        joints = None if belief is None else joint_ripple(belief.ripple)
-        return [{"joint": joint, **plain(ripple)} for joint, ripple in enumerate(joints or (), start=1)]
 
     def judgement(self) -> None:
         """Publish health, model and alerts as they are after the last assessment."""
         self.health()
         if self._state.torque_model is not None:
-            self.say("model", self._state.torque_model.as_document())
+            self.say(made(documents.Model, self._state.torque_model.as_document()))
         for alert in self._state.alerts.alerts:
             self.alert(alert)
 
     def friction(self, joint: JointFriction) -> None:
         """Publish one joint after one replay."""
-        self.say("friction", plain(joint), joint=joint.joint)
+        self.say(made(documents.Friction, joint))
 
     def newest_friction(self, joint: int) -> None:
         """Publish what is known of one joint (from 1) after the last replay, and after work since then."""
@@ -148,46 +143,40 @@ class Publisher:
         rows = self._store.assessments.friction(joint=joint, limit=1)
         if belief is not None and rows:
             known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
-            self.say("friction", {key: value for key, value in known.items() if key != "replay"}, joint=joint)
+            self.say(documents.Friction.model_validate({key: value for key, value in known.items() if key != "replay"}))
 
     def from_production(self) -> None:
         """Publish what came from the arm's ordinary work, and how far the next replay is; nothing before the first day of work."""
-        estimator = self._state.estimator
-        settings = self._state.configuration.schedule
+        estimator, settings = self._state.estimator, self._state.configuration.schedule
         found = needed(settings, self._store, estimator.belief, self._state.health)
         document = from_production_document(self._store, estimator, need_document(settings, found))
         if document is not None:
-            self.say("from-production", document)
+            self.say(document)
 
     def inspection(self) -> None:
         """Publish operating hours, stops and checks; nothing where [inspection] asks for none. Raises StoreError."""
         document = inspection_document(self._state.configuration.inspection, self._store, self._now())
         if document is not None:
-            self.say("inspection", document)
-
-    def act(self, document: dict[str, Any]) -> None:
-        """Publish the last work on one joint."""
-        self._bus.say("maintenance", document, joint=document["joint"])
+            self.say(document)
 
     def alert(self, alert: Alert) -> None:
         """Publish the present state of one alert."""
-        self.say("alert", alert_document(alert), where="arm" if alert.joint is None else f"j{alert.joint}", condition=alert.condition)
+        self.say(made(documents.Alert, alert_document(alert)))
 
     def event(self, event: AlertEvent) -> None:
         """Publish one transition; the history marks it as published once it is sent."""
-        self._bus.say("event", event_document(event), done=lambda: self._store.events.mark_published(event.seq))
+        self.say(event_document(event), done=lambda: self._store.events.mark_published(event.seq))
 
-    def replay(self, document: dict[str, Any]) -> None:
-        """Publish what is going to happen to the arm, or has happened: for the cell's own programs."""
-        self.say("replay", {**document, "said_at_unix_s": self._now()})
+    def replay_announced(self, number: int, about: Mapping[str, Any]) -> None:
+        """Publish what is going to happen to the arm, for people nearby and the cell's own programs. about : as the gate says it."""
+        self.say(made(documents.Replay, about, state="announced", replay=number, said_at=utc(self._now())))
 
-    def live(self, document: dict[str, Any]) -> None:
-        """Publish one sample of predicted against measured torque; its time is text already."""
-        self._bus.say("torque-live", document)
+    def replay_ended(self, row: LedgerRow) -> None:
+        """Publish how a window ended."""
+        now = utc(self._now())
+        self.say(documents.Replay(state="ended", replay=row.id, verdict=row.state, said_at=now, **worded(reason=row.reason)))
 
 
-def event_document(event: AlertEvent) -> dict[str, Any]:
+def event_document(event: AlertEvent) -> documents.Event:
     """One transition as it is published."""
-    document = outside({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
-    assert isinstance(document, dict)
-    return document
+    return made(documents.Event, {"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})

@@ -14,6 +14,7 @@ from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnre
 from monitor.judge.alerts.states import stale_joints
 from monitor.judge.assess import Rejected
 from monitor.model.fourier import Excitation
+from monitor.reason import Reason, Sentence
 from monitor.recording import Context, Recording
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.assess_and_store import (
@@ -37,6 +38,12 @@ from monitor.store.history.ledger import LedgerRow
 log = logging.getLogger(__name__)
 
 ASSESSMENTS = 3  # tries to assess one recording, where the process that computes dies
+INTERNAL = Sentence("internal", "internal: {error}: {text}")
+UNREACHABLE = Sentence("unreachable", "{why}")
+NEXT_REFUSED = Sentence("next_try_refused", "{earlier}; the next try was refused: {why}")
+NEXT_UNREACHABLE = Sentence("next_try_unreachable", "{earlier}; the next try did not reach the arm: {why}")
+NOT_ASSESSED = Sentence("not_assessed", "internal: not assessed in {tries} tries: {why}")
+WAITS_FOR_ASSESSMENT = Sentence("waits_for_assessment", "replay {replay} waits for its assessment, which is tried again: {why}")
 RETRY_S = 30.0  # before the second try; twice as long before the third
 
 
@@ -72,7 +79,7 @@ class Monitor:
         """`alive` is called often while a replay or an assessment is under way. borrow : None where no program ever lends the arm."""
         self._state, self._store, self._publisher, self._now = state, state.store, publisher, state.now
         self._play, self._borrow, self._alive = play, borrow, alive
-        self.unassessed: str | None = None  # why a recording waits for its assessment
+        self.unassessed: Reason | None = None  # why a recording waits for its assessment
         self._failed: dict[int, int] = {}  # tries to assess a recording that ended without an outcome, by its window
         self._retry_at = 0.0  # monotonic
 
@@ -103,11 +110,11 @@ class Monitor:
             self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
             row = self._store.ledger.row(ledger_id)
-            self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
+            self._publisher.replay_ended(row)
             self._log_end(row)
             return row
 
-    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[Reason], None]) -> LedgerRow | Reason:
         """Wait for the program's node, and replay there: the row of that, or why the arm was not taken while `waits` was true.
 
         passed : takes why the arm was not taken at the last node. The program gets its arm back between a first pass and its replay, and
@@ -132,7 +139,7 @@ class Monitor:
             except Exception as error:
                 needs_a_person = isinstance(error, ReplayAborted) and error.needs_a_person
                 if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:
-                    return str(error)
+                    return error.reason
                 number = window.enter()
                 if isinstance(error, ReplayAborted) and error.borrowed:
                     window.lost()
@@ -142,7 +149,7 @@ class Monitor:
             else:
                 self._learn(window.enter(), recording)
             row = self._store.ledger.row(window.enter())
-        self._publisher.replay({"state": "ended", "replay": row.id, "verdict": row.state, "reason": row.reason_text})
+        self._publisher.replay_ended(row)
         self._log_end(row)
         return row
 
@@ -150,13 +157,13 @@ class Monitor:
         """Take which replay waits for the program's node; None where none does."""
         self._state.due = due
 
-    def skip(self, window_unix_s: float, reason: str, kind: str = "scheduled") -> None:
+    def skip(self, window_unix_s: float, reason: Reason, kind: str = "scheduled") -> None:
         """Enter a missed window as skipped; it is never replayed later. Raises StoreError."""
         with self._state.replaying:
             ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is not None:
                 self._store.ledger.end(ledger_id, "skipped", reason, self._now())
-                log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason)
+                log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason.text)
 
     def recover(self, at_most: int | None = None) -> None:
         """Finish what a crash or a full disk left half-way: each such window is aborted, or assessed now. Raises StoreError.
@@ -224,15 +231,18 @@ class Monitor:
 
     def _end(self, ledger_id: int, error: Exception) -> None:
         """End a window whose replay an error has ended."""
-        state, reason, stop = "aborted", str(error), None
-        if isinstance(error, MotionRefused | RobotUnreachable):
+        reason = error.reason if isinstance(error, MonitorError) else INTERNAL(error=type(error).__name__, text=str(error))
+        state, stop = "aborted", None
+        if isinstance(error, RobotUnreachable):
+            state, reason = "skipped", UNREACHABLE(why=reason)
+        elif isinstance(error, MotionRefused):
             state = "skipped"
         elif isinstance(error, ReplayAborted):
             stop = error.cause if error.needs_a_person else None
         elif not isinstance(error, StoreError):  # that one came before the arm moved or after it came to rest
             # an error of this program: the child is dead and the arm was stopped; the row says what happened
             log.error("replay=%d ended by a fault of the monitor's own", ledger_id, exc_info=error)
-            reason, stop = f"internal: {type(error).__name__}: {error}", "internal"
+            stop = "internal"
         self._store.ledger.end(ledger_id, state, reason, self._now(), stop=stop)
 
     def _learn(self, ledger_id: int, recording: Recording) -> None:
@@ -254,7 +264,7 @@ class Monitor:
                         log.warning("replay=%d is written here: %s", ledger_id, error)
                         write_recording(path, recording)  # nothing of a replay is lost
                 except StoreError as error:
-                    self._store.ledger.end(ledger_id, "aborted", str(error), self._now())
+                    self._store.ledger.end(ledger_id, "aborted", error.reason, self._now())
                     return
                 self._store.ledger.mark_recorded(ledger_id)
                 older = any(row.id < ledger_id for row in self._store.ledger.rows(states=("recorded",)))
@@ -294,7 +304,7 @@ class Monitor:
                 return False
         if number == settings.tries or self._now() + settings.try_again_after_s >= closes_unix_s:
             return False
-        self._store.ledger.add_try(ledger_id, cause, str(error), self._now())
+        self._store.ledger.add_try(ledger_id, cause, error.reason, self._now())
         log.warning("replay=%d try=%d ended early, again in %g s: %s", ledger_id, number, settings.try_again_after_s, error)
         return not self._stopped_within(settings.try_again_after_s)
 
@@ -334,9 +344,9 @@ class Monitor:
         self._failed[ledger_id] = failed = self._failed.get(ledger_id, 0) + 1
         log.warning("replay=%d is not assessed yet: %s", ledger_id, error, extra={"replay": ledger_id})
         if failed >= ASSESSMENTS:
-            return Rejected(f"internal: not assessed in {failed} tries: {error}")
+            return Rejected(str(NOT_ASSESSED(tries=failed, why=error.reason)))
         self._retry_at = time.monotonic() + failed * RETRY_S
-        self.unassessed = f"replay {ledger_id} waits for its assessment, which is tried again: {error}"
+        self.unassessed = WAITS_FOR_ASSESSMENT(replay=ledger_id, why=error.reason)
         return None
 
     def _taken(self, ledger_id: int, outcome: Verdict | Rejected | None) -> tuple[Verdict, HistoryEntry, bool] | None:
@@ -366,7 +376,7 @@ class Monitor:
         for joint in verdict.friction:
             self._publisher.friction(joint)
         for act in verdict.maintenance:
-            self._publisher.act(maintenance_document(act))
+            self._publisher.say(maintenance_document(act))
         self._publisher.judgement()
         for event in entry.events:
             self._publisher.event(event)
@@ -380,5 +390,5 @@ def _after(aborted: ReplayAborted | None, error: ReplayAborted | MotionRefused |
     """How a window ended: as its last try, or as an earlier one that moved the arm, where the last did not come so far."""
     if aborted is None or aborted is error:
         return error
-    what = "was refused" if isinstance(error, MotionRefused) else "did not reach the arm"
-    return ReplayAborted(f"{aborted}; the next try {what}: {error}", aborted.cause)
+    sentence = NEXT_REFUSED if isinstance(error, MotionRefused) else NEXT_UNREACHABLE
+    return ReplayAborted(sentence(earlier=aborted.reason, why=error.reason), aborted.cause)

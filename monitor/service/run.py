@@ -17,10 +17,11 @@ from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.model.fourier import Excitation
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import reason_of
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Apart
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.lending import BorrowedWindow
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
@@ -120,7 +121,7 @@ def serve(
         uploads = Uploads(store, lambda: daemon.state.configuration, problems, clocks.now, compute=apart)
         workers = Workers(
             scheduler=scheduler,
-            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clocks.now, uploads.observe),
+            housekeeping=Housekeeping(store, lambda: daemon.state.configuration.store, problems, clocks.now, uploads.observe),
             document=MonitorDocument(store, problems, clocks.now, trial=trial),
             reloader=Reloader(daemon.monitor, scheduler),
             problems=problems,
@@ -132,8 +133,10 @@ def serve(
         _watch(daemon, configuration, workers, hangup, stack)
         log.info("stopping")
         workers.document.write_end()
-        if workers.maintenance.damaged is not None:
-            raise StoreError(f"{store.directory}: the history was found damaged: {workers.maintenance.damaged}; the next start restores it")
+        if workers.housekeeping.damaged is not None:
+            raise StoreError(
+                f"{store.directory}: the history was found damaged: {workers.housekeeping.damaged}; the next start restores it"
+            )
 
 
 def open_store(configuration: Configuration, stack: ExitStack, hangup: threading.Event) -> tuple[Store, Configuration]:
@@ -208,7 +211,7 @@ def _replay_over_rtde(
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)
         if window is not None and at.passed_by:
-            window.passed_by(at.passed_by)
+            window.passed_by(reason_of(at.passed_by))
 
     return move(
         daemon.state.configuration,
@@ -216,7 +219,7 @@ def _replay_over_rtde(
         excitation,
         context,
         caller=Caller(
-            announce=lambda about: daemon.publisher.replay({"state": "announced", "replay": number(), **about}),
+            announce=lambda about: daemon.publisher.replay_announced(number(), about),
             ask=permit_by(daemon.bus.ask_permit),
             should_stop=should_stop,
             forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
@@ -251,7 +254,7 @@ def _set_by(number: signal.Signals, event: threading.Event) -> None:
 def _start_threads(
     daemon: Daemon, workers: Workers, uploads: Uploads, alive: Callable[[], None], gathered: Callable[[], None], stack: ExitStack
 ) -> None:
-    """Start the threads of the scheduler, of maintenance, of the archive and of ordinary work; leaving the stack stops and joins them."""
+    """Start the threads of the scheduler, of housekeeping, of the archive and of ordinary work; leaving the stack stops and joins them."""
     stopping = daemon.state.stopping
 
     def maintained() -> None:
@@ -260,7 +263,7 @@ def _start_threads(
     threads = [
         # one thread that lives as long as the service: a replay's child must not outlive the thread that started it
         threading.Thread(target=workers.scheduler.run, args=(stopping, alive), name="replays"),
-        threading.Thread(target=workers.maintenance.run, args=(stopping, maintained), name="upkeep"),
+        threading.Thread(target=workers.housekeeping.run, args=(stopping, maintained), name="upkeep"),
         threading.Thread(target=uploads.run, args=(stopping,), name="uploads"),
     ]
     if daemon.listener is not None:

@@ -16,16 +16,34 @@ from monitor.acquire.schedule.needed import ColdStart, Need, WarmUp, needed_wind
 from monitor.acquire.schedule.windows import Triggers, Window, check_windows, reach_back_s, upcoming, windows
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
-from monitor.service.history.needed import not_needed
-from monitor.service.lending import Lender, Lending, serves
+from monitor.service.history.needed import NOT_NEEDED, not_needed
+from monitor.service.lending import SERVED, Lender, Lending
 from monitor.service.problems import Problems
+from monitor.service.replay import UNREACHABLE
 from monitor.service.shared_state import ReplayRequests
 from monitor.store.history.ledger import LedgerRow
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
+NOT_STEADY = Sentence("temperatures_not_steady", "the arm's temperatures are not steady")
+MISSED_NOT_STEADY = Sentence("missed_not_steady", "missed: the arm's temperatures were not steady while the window was open")
+MISSED = Sentence("missed", "missed: the monitor or its host was not running, or had another replay under way")
+SERVED_BY_REQUEST = Sentence("window_served_by_request", "one replay serves this window and the request of {at}")
+DISK_FAILS = Sentence("disk_fails", "disk: {folder}: {error}")
+DISK_READ_ONLY = Sentence("disk_read_only", "disk: {folder} can only be read")
+DISK_FULL = Sentence("disk_full", "disk: {free_mb:.0f} MB are free in {folder}; {least_mb:.0f} MB are wanted before an arm moves")
+FAULT = Sentence("fault", "{error}: {text}")
+CLOCK_NEVER_SET = Sentence("clock_never_set", "the clock says {at}; nothing is replayed before it has been set right")
+CLOCK_SET_FORWARD = Sentence(
+    "clock_set_forward", "the clock was set forward by {days:.1f} days; nothing is replayed for an hour, then it is believed"
+)
+CANNOT_TAKE_BACK = Sentence("future_stays", "replays dated in the future cannot be taken back: older recordings are gone")
+# windows that neither the arm nor its cell has refused
+NO_REFUSAL_SENTENCES = (MISSED, MISSED_NOT_STEADY, NOT_STEADY, SERVED, SERVED_BY_REQUEST, NOT_NEEDED, DISK_FAILS, DISK_READ_ONLY, DISK_FULL)
+NO_REFUSAL = (*(each.code for each in NO_REFUSAL_SENTENCES), UNREACHABLE.code)
 TICK_S = 1.0
 WAIT_AT_MOST_S = 600.0  # for a program's node at a time: then the schedule and the clocks are looked at again
 CHECK_EVERY_S = 30.0  # [s] also where nothing is due: it notes until when the schedule was watched
@@ -120,10 +138,10 @@ class Scheduler:
             try:
                 self.tick()
             except MonitorError as error:
-                self._problems.report("store", str(error))
+                self._problems.report("store", error.reason)
             except Exception as error:  # the thread must survive an error of this program; the log names it
                 log.exception("the schedule met a fault")
-                self._problems.report("fault", f"{type(error).__name__}: {error}")
+                self._problems.report("fault", FAULT(error=type(error).__name__, text=str(error)))
             self._requests.wait(TICK_S)
 
     def tick(self) -> None:
@@ -138,7 +156,7 @@ class Scheduler:
             self._monitor.recover()
             self._problems.clear("store")
         if now < NEVER_SET_UNIX_S:
-            self._problems.report("clock", f"the clock says {rfc3339(now)}; nothing is replayed before it has been set right")
+            self._problems.report("clock", CLOCK_NEVER_SET(at=rfc3339(now)))
             return
         if self._requests.take_request():
             self._requested()
@@ -170,11 +188,11 @@ class Scheduler:
         if row.kind == "requested" and row.state == "assessed":
             self._serve_windows_beside(self._clocks.now())
 
-    def _hindered(self, now: float) -> str | None:
+    def _hindered(self, now: float) -> Reason | None:
         """Why a program is not asked for its arm now."""
         settings = self._monitor.configuration.schedule
         if settings.after_warm_up and not self._warmth.steady(now, settings.warm_k_per_10_min):
-            return "the arm's temperatures are not steady"
+            return NOT_STEADY()
         return too_little_room(self._store, self._monitor.configuration.store.least_free_mb) or self._lending.hindered(now)
 
     def _look(self, now: float, monotonic: float) -> None:
@@ -227,7 +245,7 @@ class Scheduler:
             if (
                 is_open or asked_unix_s < window.opens_unix_s <= asked_unix_s + settings.grace_s
             ) and window.opens_unix_s >= self._not_before:
-                self._monitor.skip(window.key_unix_s, f"one replay serves this window and the request of {rfc3339(asked_unix_s)}")
+                self._monitor.skip(window.key_unix_s, SERVED_BY_REQUEST(at=rfc3339(asked_unix_s)))
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next `count` windows that the ledger does not have yet. Raises StoreError."""
@@ -275,7 +293,7 @@ class Scheduler:
         if configuration.schedule.after_warm_up and not self._warmth.steady(now, configuration.schedule.warm_k_per_10_min):
             return  # the window stays open; it is missed where it closes before temperatures are steady
         for window in found.merged:
-            self._monitor.skip(window.key_unix_s, serves(found.due.key_unix_s))
+            self._monitor.skip(window.key_unix_s, SERVED(window=rfc3339(found.due.key_unix_s)))
         short = too_little_room(self._store, configuration.store.least_free_mb)
         if short is not None:
             self._monitor.skip(found.due.key_unix_s, short)
@@ -286,10 +304,10 @@ class Scheduler:
         )
         self._monitor.perform(found.due.key_unix_s, closes_unix_s=found.due.closes_unix_s)
 
-    def _why_missed(self, window: Window) -> str:
+    def _why_missed(self, window: Window) -> Reason:
         if self._monitor.configuration.schedule.after_warm_up and self._last_seen_before(window):
-            return "missed: the arm's temperatures were not steady while the window was open"
-        return "missed: the monitor or its host was not running, or had another replay under way"
+            return MISSED_NOT_STEADY()
+        return MISSED()
 
     def _last_seen_before(self, window: Window) -> bool:
         return self._watched >= window.opens_unix_s
@@ -306,8 +324,7 @@ class Scheduler:
                 ):
                     self._store.notes.set(_FORWARD, json.dumps([self._last[0], now]))
                     self._wait_until = monotonic + JUMP_WAIT_S
-                    text = f"the clock was set forward by {jump / DAY_S:.1f} days; nothing is replayed for an hour, then it is believed"
-                    self._problems.report("clock", text)
+                    self._problems.report("clock", CLOCK_SET_FORWARD(days=jump / DAY_S))
                 elif jump < 0:
                     self._wait_until = 0.0
         noted = self._store.notes.get(_FORWARD) if self._last is None or now < self._last[0] else None
@@ -324,18 +341,18 @@ class Scheduler:
             if self._monitor.roll_back():
                 log.warning("the clock is back from the future: what was learnt there is taken back")
             else:
-                self._problems.report("rewind", "replays dated in the future cannot be taken back: older recordings are gone")
+                self._problems.report("rewind", CANNOT_TAKE_BACK())
 
 
-def too_little_room(store: Store, least_free_mb: float) -> str | None:
+def too_little_room(store: Store, least_free_mb: float) -> Reason | None:
     """Why the disk has no room for a recording; None where it has."""
     try:
         about = os.statvfs(store.directory)
     except OSError as error:
-        return f"disk: {store.directory}: {error.strerror}"
+        return DISK_FAILS(folder=str(store.directory), error=error.strerror)
     free_mb = about.f_bavail * about.f_frsize / 1e6
     if about.f_flag & os.ST_RDONLY:
-        return f"disk: {store.directory} can only be read"
+        return DISK_READ_ONLY(folder=str(store.directory))
     if free_mb < least_free_mb:
-        return f"disk: {free_mb:.0f} MB are free in {store.directory}; {least_free_mb:.0f} MB are wanted before an arm moves"
+        return DISK_FULL(free_mb=free_mb, folder=str(store.directory), least_mb=least_free_mb)
     return None

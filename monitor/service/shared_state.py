@@ -13,6 +13,7 @@ from monitor.judge.alerts.health import Health
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Robot
 from monitor.publish.torque import LiveTorque, sample_var
+from monitor.reason import Reason
 from monitor.recording import Array
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.history.assess_and_store import EstimatorState
@@ -89,7 +90,7 @@ class SharedState:
         self.temperature_c: Array | None = None  # (J,) the newest known, from a replay or from the arm's state
         self.next_due_unix_s: float | None = None
         self.due: DueReplay | None = None  # what waits for the node of the program that lends the arm
-        self.nothing_learnt: str | None = None  # for how long, where that is too long
+        self.nothing_learnt: Reason | None = None  # for how long, where that is too long
         self.production_motion = ProductionMotion(configuration.assess.residual)  # since the last replay
         self.stopping = threading.Event()
         self.replaying = threading.Lock()
@@ -137,9 +138,9 @@ class SharedState:
         """Take the time of the next replay; None where none is due."""
         self.next_due_unix_s = unix_s
 
-    def take_nothing_learnt(self, text: str | None) -> None:
+    def take_nothing_learnt(self, why: Reason | None) -> None:
         """Take for how long nothing was learnt; None where that is not too long."""
-        self.nothing_learnt = text
+        self.nothing_learnt = why
 
     def prepare_live(self, more_var: Array | None) -> None:
         """Prepare live predictions for the present model, so that no query waits for that. more_var : as `LiveTorque` takes it."""

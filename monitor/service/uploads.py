@@ -10,6 +10,7 @@ from contextlib import closing
 from monitor.config.schema import Configuration
 from monitor.errors import ArchiveRefused, ArchiveUnavailable, StoreError
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.housekeeping import going, prune
@@ -26,6 +27,15 @@ IDLE_S = 10.0  # between two looks for a recording that waits
 FIRST_RETRY_S, LONGEST_RETRY_S = 5.0, 600.0  # doubled after each failure
 UNHEARD = 3  # failures in a row from which a server that does not answer is a problem: shorter, it is a restart or a cable
 SLOW_S = 300.0  # one recording takes seconds
+NOT_ARCHIVED = Sentence("not_archived", "{why}; {meanwhile}")
+ON_ITS_WAY = Sentence("archive_slow", "one recording has been on its way to the archive for {minutes:.0f} min; {meanwhile}")
+RECORDINGS_WAIT = Sentence("recordings_wait", "recordings wait")
+NONE_WAITS = Sentence("recordings_counted", "{count} recordings wait here; replays go on")
+WAIT_SINCE = Sentence("recordings_wait_since", "{count} recordings wait here, the oldest since {since}; replays go on")
+GONE = Sentence("archive_lost_recording", "{address}: is not there any more, and not here: restore it from a copy")
+LEFT = Sentence("archive_differs", "replay {replay}: {why}; the recording stays here")
+UNSOUND = Sentence("archive_unsound", "replay {replay}: {why}")
+AND_MORE = Sentence("and_more", "{first}; and {more} more")
 PROBLEM, SLOW = "archive", "archive_slow"
 
 
@@ -53,7 +63,7 @@ class Uploads:
         self._left: dict[int, str | None] = {}  # windows that are left out, and what is wrong; None: no file
         self._again: set[int] = set()  # those of them that are tried once more: daily, a person may have put it right
         self._gone: list[ArchivedRow] = []  # neither here nor there any more
-        self._unsound: dict[int, str] = {}  # windows whose recordings the archive holds otherwise than they were, and what is wrong
+        self._unsound: dict[int, Reason] = {}  # windows whose recordings the archive holds otherwise than they were, and what is wrong
         self._going: list[int] = []  # windows whose recordings may go from here once the archive's copy was read back
         self._compared = -math.inf  # monotonic: when history and archive were compared
         self._began: float | None = None  # monotonic: since when an upload is under way
@@ -66,7 +76,7 @@ class Uploads:
             except Stopping:
                 return
             except StoreError as error:  # the history, not the archive
-                self._problems.report("store", str(error))
+                self._problems.report("store", error.reason)
                 pause_s = IDLE_S
             except Exception:  # uploads must go on after an error of this program; the log names it
                 log.exception("an upload met a fault")
@@ -98,7 +108,7 @@ class Uploads:
         except (ArchiveRefused, ArchiveUnavailable, ComputingFailed) as error:
             self._failures += 1
             if isinstance(error, ArchiveRefused) or self._failures >= UNHEARD:
-                self._problems.report(PROBLEM, f"{error}; {self._consequence()}")
+                self._problems.report(PROBLEM, NOT_ARCHIVED(why=error.reason, meanwhile=self._consequence()))
             return float(min(FIRST_RETRY_S * 2 ** min(self._failures - 1, 20), LONGEST_RETRY_S))
         finally:
             self._began = None
@@ -112,7 +122,7 @@ class Uploads:
         began = self._began
         if began is not None and self._monotonic() - began > SLOW_S:
             minutes = (self._monotonic() - began) / 60.0
-            self._problems.report(SLOW, f"one recording has been on its way to the archive for {minutes:.0f} min; {self._consequence()}")
+            self._problems.report(SLOW, ON_ITS_WAY(minutes=minutes, meanwhile=self._consequence()))
 
     def _in_force(self) -> ArchiveSettings | None:
         """The settings in force, which the history notes; None where there is no archive."""
@@ -162,12 +172,12 @@ class Uploads:
         self._again = {number for number, text in self._left.items() if text is not None}
         self._compared = self._monotonic()
 
-    def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> dict[int, str]:
+    def _note_forgotten(self, settings: ArchiveSettings, present: Mapping[str, ArchivedRecording], known: set[str]) -> dict[int, Reason]:
         """A history that was restored from an older backup does not know what was archived since: number and time say which it is.
 
         Returns what is wrong with those that are not as they were brought there, by their windows.
         """
-        unsound: dict[int, str] = {}
+        unsound: dict[int, Reason] = {}
         unknown: dict[int, list[ArchivedRecording]] = {}
         for address, each in present.items():
             if address not in known:
@@ -186,7 +196,7 @@ class Uploads:
                     self._left.pop(number, None)
                     log.info("found again in the archive: replay=%d %s", number, outcome.address)
                 else:
-                    unsound[number] = f"replay {number}: {outcome}"
+                    unsound[number] = UNSOUND(replay=number, why=outcome)
         return unsound
 
     def _let_go(self, settings: ArchiveSettings) -> None:
@@ -201,25 +211,24 @@ class Uploads:
                     sound.add(number)
                     self._unsound.pop(number, None)
                 else:
-                    self._unsound[number] = f"replay {number}: {wrong}; the recording stays here"
+                    self._unsound[number] = LEFT(replay=number, why=wrong)
         prune(self._store, self._configuration().store, self._problems, self._now(), sound)
         self._going = self._going[len(some) :]
 
     def _tell_left(self) -> None:
         """The problem of what the archive has lost, or holds otherwise; none where there is nothing of it."""
-        texts = [f"{row.address}: is not there any more, and not here: restore it from a copy" for row in self._gone]
-        texts += [f"replay {number}: {text}; the recording stays here" for number, text in self._left.items() if text is not None]
-        texts += self._unsound.values()
-        more = f"; and {len(texts) - 1} more" if len(texts) > 1 else ""
-        self._problems.update(PROBLEM, f"{texts[0]}{more}" if texts else None)
+        found = [GONE(address=row.address) for row in self._gone]
+        found += [LEFT(replay=number, why=text) for number, text in self._left.items() if text is not None]
+        found += self._unsound.values()
+        first = found[0] if found else None
+        self._problems.update(PROBLEM, first if first is None or len(found) == 1 else AND_MORE(first=first, more=len(found) - 1))
 
-    def _consequence(self) -> str:
+    def _consequence(self) -> Reason:
         try:
             count, since = self._store.archived.waits()
         except StoreError:
-            return "recordings wait"
-        oldest = "" if since is None else f", the oldest since {rfc3339(since)}"
-        return f"{count} recordings wait here{oldest}; replays go on"
+            return RECORDINGS_WAIT()
+        return NONE_WAITS(count=count) if since is None else WAIT_SINCE(count=count, since=rfc3339(since))
 
 
 def _arm_of(key: str) -> tuple[str, str]:

@@ -20,8 +20,16 @@ from monitor.errors import BadInput, BusError
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.filter_state import RATE
-from monitor.publish.documents import AckRequest, ShelveRequest, UnackRequest, UnshelveRequest
-from monitor.publish.queries import MOST_EVENTS, events_question, history_question, request
+from monitor.publish.queries import (
+    MOST_EVENTS,
+    AckRequest,
+    ShelveRequest,
+    UnackRequest,
+    UnshelveRequest,
+    events_question,
+    history_question,
+    request,
+)
 from monitor.publish.session import ROOT, session_config
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S, Array
@@ -369,7 +377,7 @@ class PlantOnBus:
         if not isinstance(document, dict):
             raise BadInput(f"{key}: expected a JSON object")
         kind, model = ALERT_COMMANDS[key]
-        asked = request(model, document)
+        asked = request(model, key, document)
         with self._lock:
             alert = self.lives.act(arm, kind, asked, self._now())
             event = self.lives.event(arm, len(self.lives.transitions[arm]))

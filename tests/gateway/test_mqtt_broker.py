@@ -20,7 +20,7 @@ from monitor.gateway.connection import NotReached
 from monitor.gateway.mqtt.broker import Incoming, MqttSettings, check
 from monitor.gateway.mqtt.channel import MqttChannel
 from monitor.plant.screen.people import Role
-from monitor.publish.documents import AckRequest
+from monitor.publish.queries import AckRequest
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="mosquitto is not installed: apt-get install mosquitto")
 ROOT = "joint-monitor"

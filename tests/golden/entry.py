@@ -1,5 +1,6 @@
 """Everything of `monitor` that the golden set touches, behind thin functions: after a restructuring only this file is adapted."""
 
+import json
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -25,7 +26,7 @@ from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.main_loop import Reloader, Workers, monitor_document
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.page import page
@@ -217,7 +218,7 @@ class Running:
 
     def say(self, key: str, kind: str, document: dict[str, Any]) -> None:
         """Anything: who listens knows that all before it has arrived."""
-        self.daemon.bus.publish(key, kind, document)
+        self.daemon.bus._enqueue((key, kind, json.dumps(document).encode(), False, None))
 
     def say_health(self) -> None:
         """As every minute."""
@@ -228,7 +229,7 @@ class Running:
         """As every ten seconds."""
         link = SimpleNamespace(reachable=True, problem=None)
         document = monitor_document(self.daemon, link, self.workers)  # type: ignore[arg-type]
-        self.daemon.publisher.say("monitor", document)
+        self.daemon.publisher.say(document)
         self.workers.document.write(document)
 
     def acknowledge(self, joint: int, by: str, why: str) -> None:
@@ -277,7 +278,7 @@ def running(config: Path, clock: Clock, play: Play) -> Iterator[Running]:
         scheduler = Scheduler(daemon.monitor, store, problems, requests, Clocks(now=clock.now, monotonic=clock.monotonic))
         workers = Workers(
             scheduler=scheduler,
-            maintenance=Maintenance(store, lambda: daemon.state.configuration.store, problems, clock.now),
+            housekeeping=Housekeeping(store, lambda: daemon.state.configuration.store, problems, clock.now),
             document=MonitorDocument(store, problems, clock.now),
             reloader=Reloader(daemon.monitor, scheduler),
             problems=problems,

@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
 from cryptography.x509.oid import NameOID
+from published import raw
 
 from monitor.plant.enrol.access import PEOPLE
 from monitor.plant.enrol.authority import Authority, Issued, new_root
@@ -58,7 +59,9 @@ def world(tmp_path_factory, free_tcp_port_factory):
         (folder / "guest" / f"{name}.key").write_bytes(issued.key)
     (folder / "guest/ca.pem").write_bytes(authority.pem)
     called = []
-    answers = {command: QueryHandler("answer", lambda request: called.append(request) or {"done": "done"}) for command in COMMANDS}
+    answers = {
+        command: QueryHandler("answer", lambda request: raw("answer", called.append(request) or {"done": "done"})) for command in COMMANDS
+    }
     answers["cmd/of-tomorrow"] = answers["cmd/ack"]
     with ExitStack() as stack:
         for place in ("core", "routers/hall-1", "routers/hall-2"):
@@ -66,7 +69,7 @@ def world(tmp_path_factory, free_tcp_port_factory):
             stack.enter_context(zenoh.open(zenoh.Config.from_json5(text)))
         settings = BusSettings(listen=(), connect=(one,), zenoh=zenoh_file(folder, OWN))
         bus = stack.enter_context(Bus(settings, prefix("hall-1", "cell-1"), answers))
-        bus.publish("health", "health", {"state": "NORMAL"})
+        bus.say(raw("health", {"state": "NORMAL"}))
         made = SimpleNamespace(plant=plant, folder=folder, core=core, site=one, bus=bus, called=called)
         looker = stack.enter_context(session(made, "plant", "core"))
         made.heard = []
@@ -235,8 +238,8 @@ def test_the_check_of_a_plant_asks_every_monitor_with_the_plants_own_certificate
     of_program = {"version": "0.0.1", "programs": {}, "started_at": now.isoformat(), "uptime_s": 1.0, "bus": {}, "store": {}, "process": {}}
     monitor = {**nothing, **of_program, "workers": {}, "overrides": [], "troubles": [], "arm": {"heard": True}}
     for ahead, cause in ((timedelta(hours=3), "clock"), (timedelta(hours=-3), "silent")):
-        world.bus.publish("info", "info", info)
-        world.bus.publish("monitor", "monitor", {**monitor, "said_at": (now + ahead).isoformat()})
+        world.bus.say(raw("info", info))
+        world.bus.say(raw("monitor", {**monitor, "said_at": (now + ahead).isoformat()}))
         eventually(lambda ahead=ahead: asked(world.looker, f"{OURS}/monitor")[0]["said_at"] == (now + ahead).isoformat())
         found = lacks_on_bus(world.plant, ask_all(world.plant, world.folder, timeout_s=1.0), now)
         assert {lack.cause for lack in found[OWN]} == {cause, "version", "differs", "no_replay"}

@@ -18,7 +18,7 @@ from monitor.judge.alerts.health import Alert
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.main_loop import Reloader, Workers, monitor_document
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
@@ -71,7 +71,7 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         daemon.live.sample(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
         daemon.publisher.health()
         problems = Problems(lambda: START_UNIX_S)
-        maintenance = Maintenance(store, lambda: daemon.state.configuration.store, problems, lambda: START_UNIX_S)
+        maintenance = Housekeeping(store, lambda: daemon.state.configuration.store, problems, lambda: START_UNIX_S)
         link = SimpleNamespace(reachable=True, problem=None)
         scheduler = Scheduler(daemon.monitor, store, problems, ReplayRequests())
         workers = Workers(

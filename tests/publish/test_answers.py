@@ -15,6 +15,7 @@ from monitor.errors import BadInput
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.model.robot import Mounting, load_robot
+from monitor.publish.documents import Torque
 from monitor.publish.torque import torque_answer
 from monitor.recording import Recording
 
@@ -44,7 +45,7 @@ def _model():
 MODEL = _model()
 
 
-def ask(**changes: object) -> dict:
+def ask(**changes: object) -> Torque:
     request = {key: value for key, value in (STATE | changes).items() if value is not None}
     return torque_answer(MODEL, UR5, None, request)
 
@@ -53,10 +54,10 @@ def test_the_answer_has_the_shape_of_the_request():
     """Six numbers give six, and N rows give N, equal row by row."""
     one = ask()
     many = ask(q=[STATE["q"]] * 3, qd=[STATE["qd"]] * 3)
-    assert np.shape(one["torque_nm"]) == (6,)
-    assert np.shape(many["torque_nm"]) == (3, 6)
-    assert many["torque_nm"][2] == pytest.approx(one["torque_nm"])
-    assert one["torque_nm"] == pytest.approx(np.add(one["rigid_nm"], one["friction_nm"]))
+    assert np.shape(one.torque_nm) == (6,)
+    assert np.shape(many.torque_nm) == (3, 6)
+    assert many.torque_nm[2] == pytest.approx(one.torque_nm)
+    assert one.torque_nm == pytest.approx(np.add(one.rigid_nm, one.friction_nm))
 
 
 def test_the_answer_is_the_torque_of_the_law_behind_the_data():
@@ -66,16 +67,16 @@ def test_the_answer_is_the_torque_of_the_law_behind_the_data():
     arm = UR5.pinocchio_model(Mounting())
     rigid = pin.rnea(arm, arm.createData(), *(np.array(STATE[name], dtype=float) for name in ("q", "qd", "qdd")))
     friction = np.array([8, 9, 7, 2, 2, 2]) + np.array([9, 10, 8, 1.5, 1.5, 1.5]) * 0.5
-    assert ask()["friction_nm"] == pytest.approx(friction, rel=0.02, abs=0.2)
-    assert ask()["torque_nm"] == pytest.approx(rigid + friction, rel=0.02, abs=0.3)
+    assert ask().friction_nm == pytest.approx(friction, rel=0.02, abs=0.2)
+    assert ask().torque_nm == pytest.approx(rigid + friction, rel=0.02, abs=0.3)
 
 
 def test_far_from_the_learnt_temperature_the_answer_is_flagged():
     """After one replay at 30 °C, the answer at 60 °C is flagged and has a larger standard deviation."""
     near, far = ask(), ask(temperature_c=[60.0] * 6)
-    assert not any(near["extrapolated"])
-    assert all(far["extrapolated"])
-    assert np.all(np.array(far["std_nm"]) > near["std_nm"])
+    assert not any(near.extrapolated)
+    assert all(far.extrapolated)
+    assert np.all(np.array(far.std_nm) > near.std_nm)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +116,7 @@ def test_any_json_is_answered_or_refused(q, qd, temperature_c):
         answer = torque_answer(MODEL, UR5, None, {"q": q, "qd": qd, "temperature_c": temperature_c})
     except BadInput:
         return
-    assert np.shape(answer["torque_nm"])[-1] == 6
+    assert np.shape(answer.torque_nm)[-1] == 6
 
 
 FIGURES = {"q": 6.0, "qd": 3.0, "qdd": 20.0, "temperature_c": 35.0}
@@ -128,18 +129,18 @@ def test_one_sample_and_rows_give_the_same_figures(data):
     one = torque_answer(MODEL, UR5, None, state)
     (many,) = [torque_answer(MODEL, UR5, None, {name: [value] for name, value in state.items()})]
     for name in ("torque_nm", "rigid_nm", "friction_nm", "std_nm"):
-        assert one[name] == pytest.approx(many[name][0], rel=1e-9, abs=1e-9)
-    assert list(one["extrapolated"]) == list(many["extrapolated"][0])
+        assert getattr(one, name) == pytest.approx(getattr(many, name)[0], rel=1e-9, abs=1e-9)
+    assert list(one.extrapolated) == list(many.extrapolated[0])
 
 
 def test_threads_that_query_at_the_same_time_get_their_own_answers():
     """The answering threads share the workspace of the dynamics, and each returns its own figures."""
     draw = np.random.default_rng(1)
     questions = [{name: draw.uniform(-1, 1, 6).tolist() for name in FIGURES} for _ in range(4)]
-    alone = [ask(**question)["torque_nm"] for question in questions]
+    alone = [ask(**question).torque_nm for question in questions]
 
     def keep_asking(n: int) -> bool:
-        return all(ask(**questions[n])["torque_nm"] == alone[n] for _ in range(2000))
+        return all(ask(**questions[n]).torque_nm == alone[n] for _ in range(2000))
 
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)  # threads switch as often as possible
@@ -156,4 +157,4 @@ def test_null_means_that_an_argument_is_not_given():
     for rows in ([STATE["q"]] * 2, STATE["q"]):
         asked = {"q": rows, "qd": STATE["qd"], "qdd": None, "temperature_c": None}
         given = {"q": rows, "qd": STATE["qd"], "qdd": [0.0] * 6, "temperature_c": [30.0] * 6}
-        assert np.array_equal(torque_answer(MODEL, UR5, present, asked)["torque_nm"], torque_answer(MODEL, UR5, None, given)["torque_nm"])
+        assert np.array_equal(torque_answer(MODEL, UR5, present, asked).torque_nm, torque_answer(MODEL, UR5, None, given).torque_nm)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 import zenoh
+from published import raw
 
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import Bus, QueryHandler
@@ -22,7 +23,7 @@ def double(request):
         raise BadInput("double: x is missing")
     if request["x"] == "boom":
         raise RuntimeError("ours")
-    return {"doubled": 2 * request["x"]}
+    return raw("torque", {"torque_nm": [2 * request["x"]]})
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
     with Bus(
         BusSettings(listen=(endpoint,)),
         prefix("lab", "cell-1"),
-        {"torque": QueryHandler("doubled", double), "history": QueryHandler("told", dict, payload=False)},
+        {"torque": QueryHandler("torque", double), "history": QueryHandler("history", lambda given: raw("history", given), payload=False)},
     ) as bus:
         yield bus, endpoint
 
@@ -39,12 +40,12 @@ def bus(free_port: int) -> Iterator[tuple[Bus, str]]:
 def test_a_client_that_connects_late_gets_the_last_values(bus):
     """`get` returns what was published before, with the encoding that names its kind."""
     bus, endpoint = bus
-    bus.publish("health", "health", {"state": "NORMAL"})
-    bus.publish("joint/3/friction", "friction", {"coulomb_nm": 1.0})
-    bus.publish("joint/3/friction", "friction", {"coulomb_nm": 2.0})
+    bus.say(raw("health", {"state": "NORMAL"}))
+    bus.say(raw("friction", {"joint": 3, "coulomb_nm": 1.0}))
+    bus.say(raw("friction", {"joint": 3, "coulomb_nm": 2.0}))
     with Client(endpoint, "lab", "cell-1") as client:
-        assert [message.document for message in client.get("health")] == [{"state": "NORMAL"}]
-        assert {message.key: message.document for message in client.get("joint/*/friction")} == {"joint/3/friction": {"coulomb_nm": 2.0}}
+        assert [message.document["state"] for message in client.get("health")] == ["NORMAL"]
+        assert {message.key: message.document["coulomb_nm"] for message in client.get("joint/*/friction")} == {"joint/3/friction": 2.0}
         assert {message.key for message in client.get("**")} == {"health", "joint/3/friction"}
 
 
@@ -54,13 +55,15 @@ def test_any_plain_zenoh_client_can_subscribe_and_query(bus):
     with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
         heard: list[zenoh.Sample] = []
         session.declare_subscriber("joint-monitor/v1/**", heard.append)
-        _until(lambda: heard, meanwhile=lambda: bus.publish("alert/j3/wear_rising", "alert", {"joint": 3}))  # once the publisher knows it
+        _until(
+            lambda: heard, meanwhile=lambda: bus.say(raw("alert", {"joint": 3, "condition": "wear_rising"}))
+        )  # once the publisher knows it
         sample = heard[0]
         assert str(sample.key_expr) == "joint-monitor/v1/lab/cell-1/alert/j3/wear_rising"
-        assert json.loads(sample.payload.to_bytes()) == {"joint": 3}
+        assert json.loads(sample.payload.to_bytes())["joint"] == 3
         assert str(sample.encoding) == "application/json;joint-monitor.alert.v1"
         (reply,) = list(session.get("joint-monitor/v1/lab/cell-1/torque", payload=b'{"x": 21}', timeout=5.0))
-        assert json.loads(reply.ok.payload.to_bytes()) == {"doubled": 42}
+        assert json.loads(reply.ok.payload.to_bytes())["torque_nm"] == [42]
 
 
 def test_a_malformed_query_gets_an_error_that_names_the_mistake(bus):
@@ -89,13 +92,13 @@ def test_an_exception_in_an_answer_gives_an_error_and_the_next_query_productions
     with Client(endpoint, "lab", "cell-1") as client:
         with pytest.raises(BadInput, match="internal: RuntimeError"):
             client.get("torque", {"x": "boom"})
-        assert client.get("torque", {"x": 1})[0].document == {"doubled": 2}
+        assert client.get("torque", {"x": 1})[0].document["torque_nm"] == [2]
 
 
 def test_a_wildcard_query_runs_no_command(bus):
     """`get **` with a payload reads last values and never calls an answering function."""
     bus, endpoint = bus
-    bus.publish("health", "health", {"state": "NORMAL"})
+    bus.say(raw("health", {"state": "NORMAL"}))
     with Client(endpoint, "lab", "cell-1") as client:
         assert [message.key for message in client.get("**", {"x": 1})] == ["health"]
 
@@ -104,7 +107,7 @@ def test_a_query_without_a_payload_may_have_parameters(bus):
     """`history?a=1;b=2` gives the answering function an object of strings. Too long parameters are refused."""
     _, endpoint = bus
     with Client(endpoint, "lab", "cell-1") as client:
-        assert client.get("history?a=1;b=2")[0].document == {"a": "1", "b": "2"}
+        assert {"a": "1", "b": "2"}.items() <= client.get("history?a=1;b=2")[0].document.items()
         with pytest.raises(BadInput, match="at most 1000"):
             client.get("history?a=" + "x" * 1000)
 
@@ -112,13 +115,13 @@ def test_a_query_without_a_payload_may_have_parameters(bus):
 def test_a_watcher_gets_last_values_first_and_then_new_messages(bus):
     """Order per key is kept and `until` ends the watch."""
     bus, endpoint = bus
-    bus.publish("health", "health", {"n": 0})
+    bus.say(raw("health", {"n": 0}))
     seen: list[int] = []
 
     def say() -> None:
         _until(lambda: seen)  # the watcher has the last value; it subscribed before it asked for that
         for n in range(1, 4):
-            bus.publish("health", "health", {"n": n})
+            bus.say(raw("health", {"n": n}))
 
     speaker = threading.Thread(target=say)
     speaker.start()
@@ -133,7 +136,7 @@ def test_done_is_called_after_the_document_is_sent(bus):
     """The store marks an event as published only after the bus took it."""
     bus, _ = bus
     sent = threading.Event()
-    bus.say("event", {"kind": "raised"}, done=sent.set)
+    bus.say(raw("event", {"kind": "raised"}), done=sent.set)
     assert sent.wait(5.0)
 
 

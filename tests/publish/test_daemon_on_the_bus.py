@@ -22,10 +22,11 @@ from monitor.config.load import from_document
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert
 from monitor.publish.client import Client
+from monitor.publish.documents import as_json
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.main_loop import MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.problems import Problems
@@ -120,7 +121,7 @@ def test_everything_published_and_answered_is_valid_by_its_schema(cell):
     """Every last value by the kind its encoding names, every answer, and every error: all valid against the printed JSON Schema."""
     daemon, _, arm, endpoint = cell
     raise_alert(daemon, arm.clock_unix_s)
-    daemon.publisher.replay({"state": "announced", "replay": 4, "robot": "ur5", "moves_at_unix_s": arm.clock_unix_s, "duration_s": 10.0})
+    daemon.publisher.replay_announced(4, {"robot": "ur5", "moves_at_unix_s": arm.clock_unix_s, "duration_s": 10.0})
     daemon.live.sample(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
     asked = {
         "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
@@ -155,7 +156,7 @@ def test_a_client_reads_the_health_of_an_arm_with_an_alert(cell):
     with Client(endpoint, "lab", "cell-1") as client:
         health = client.health()
     assert [(alert.joint, alert.active) for alert in health.alerts] == [(3, True)]
-    assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since", "stale", "learnt_at"}
+    assert health.joints[0].model_dump().keys() == {"joint", "state", "why", "since", "stale", "learnt_at", "reasons"}
 
 
 def test_info_gives_the_settings_in_force_and_since_when(cell):
@@ -323,7 +324,7 @@ def test_live_torque_has_the_measured_and_the_predicted_torque(cell):
     with Client(endpoint, "lab", "cell-1") as client:
         for n in moving:
             daemon.live.sample(recording.q[n], recording.qd[n], recording.target_qdd[n], recording.current[n], recording.temperature_c[n])
-            documents.append(daemon.bus.last_values()["torque/live"])
+            documents.append(as_json(daemon.bus.last_values()["torque/live"]))
         assert client.get("torque/live")[0].document == documents[-1]
     measured, predicted, residual, std = (
         np.array([row[f"{name}_nm"] for row in documents]) for name in ("measured", "predicted", "residual", "std")
@@ -365,11 +366,11 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
     names = ("q", "qd", "target_qdd", "current", "temperature_c")
     state = SimpleNamespace(robot_mode=7, **{name: getattr(row, name)[0] for name in names})
     problems = Problems(time.time)
-    maintenance = Maintenance(store, lambda: configuration.store, problems, time.time)
+    maintenance = Housekeeping(store, lambda: configuration.store, problems, time.time)
     scheduler = Scheduler(daemon.monitor, store, problems, daemon.state.requests)
     workers = Workers(
         scheduler=scheduler,
-        maintenance=maintenance,
+        housekeeping=maintenance,
         document=MonitorDocument(store, problems, time.time),
         reloader=Reloader(daemon.monitor, scheduler),
         problems=problems,

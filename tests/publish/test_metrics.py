@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 from prometheus_client.parser import text_string_to_metric_families
+from published import last_values
 
 from monitor.errors import BadInput, BusError
 from monitor.plant.database import Database
@@ -112,7 +113,7 @@ def ports(database):
     """Where an arm and a plant are scraped."""
     ports = free(), free()
     with (
-        MetricsServer(MetricsSettings(listen=f"127.0.0.1:{ports[0]}"), lambda: families(ALL)),
+        MetricsServer(MetricsSettings(listen=f"127.0.0.1:{ports[0]}"), lambda: families(last_values(ALL))),
         MetricsServer(MetricsSettings(listen=f"127.0.0.1:{ports[1]}"), lambda: plant_families(database)),
     ):
         yield ports

@@ -52,7 +52,7 @@ def test_a_new_kind_of_document_is_one_entry_in_the_registry(lubrication: Docume
         Client(endpoint, "lab", "cell-1") as client,
     ):
         for joint, grease_g in ((2, 7.5), (1, 9.0)):
-            daemon.publisher.say("lubrication", {"joint": joint, "grease_g": grease_g}, joint=joint)
+            daemon.publisher.say(Lubrication(joint=joint, grease_g=grease_g))
         assert client.documents("lubrication") == [Lubrication(joint=1, grease_g=9.0), Lubrication(joint=2, grease_g=7.5)]
         (message,) = client.get("joint/2/lubrication")
     assert message.document == {"joint": 2, "grease_g": 7.5}

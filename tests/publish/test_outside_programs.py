@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from published import raw
 from rich.text import Text
 
 from monitor.publish.bus import Bus, QueryHandler
@@ -42,19 +43,19 @@ def cell(tmp_path, free_port):
     script.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m monitor "$@"\n')
     script.chmod(0o755)
     answers = {
-        "torque": QueryHandler("torque", lambda _: document("torque")),
-        "event": QueryHandler("events", lambda _: EVENTS, payload=False),
+        "torque": QueryHandler("torque", lambda _: raw("torque", document("torque"))),
+        "event": QueryHandler("events", lambda _: raw("events", EVENTS), payload=False),
     }
     with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "sim-1"), answers) as bus:
-        bus.publish("health", "health", document("health"))
-        bus.publish("alert/j3/wear_rising", "alert", document("alert"))
+        bus.say(raw("health", document("health")))
+        bus.say(raw("alert", document("alert")))
         stop, number = threading.Event(), [3]
 
         def speak() -> None:
             while not stop.wait(0.2):
                 number[0] += 1
-                bus.publish("alert/j3/wear_rising", "alert", document("alert"))
-                bus.say("event", document("event") | {"seq": number[0]})
+                bus.say(raw("alert", document("alert")))
+                bus.say(raw("event", document("event") | {"seq": number[0]}))
 
         speaker = threading.Thread(target=speak)
         speaker.start()
@@ -103,10 +104,10 @@ def test_the_plain_zenoh_example_runs_unchanged(cell):
 def test_the_plain_zenoh_example_prints_alerts_that_were_raised_long_before_it(tmp_path, free_port):
     """Nothing is published after its start. A plain subscriber alone gets none of it, as the page says, and a `get` gets all."""
     endpoint = f"tcp/127.0.0.1:{free_port}"
-    answers = {"torque": QueryHandler("torque", lambda _: document("torque"))}
+    answers = {"torque": QueryHandler("torque", lambda _: raw("torque", document("torque")))}
     with Bus(BusSettings(listen=(endpoint,)), prefix("lab", "sim-1"), answers) as bus:
-        bus.publish("alert/arm/stopped", "alert", document("alert") | {"joint": None, "condition": "stopped", "text": "Nothing moves"})
-        bus.publish("alert/j2/wear_rising", "alert", document("alert") | {"active": False})
+        bus.say(raw("alert", document("alert") | {"joint": None, "condition": "stopped", "text": "Nothing moves"}))
+        bus.say(raw("alert", document("alert") | {"active": False}))
         _, alert = first_lines([sys.executable, "-u", "plain.py"], 2, plain((tmp_path, endpoint)))
         assert alert == "joint-monitor/v1/lab/sim-1/alert/arm/stopped Nothing moves\n"
         config = zenoh.Config()

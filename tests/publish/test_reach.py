@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import trustme
+from published import raw
 
 from monitor.errors import BadInput
 from monitor.publish.bus import Bus, QueryHandler
@@ -97,9 +98,13 @@ def test_a_closed_port_an_unknown_name_and_an_invalid_address_have_their_message
 def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
     """Plain TCP on loopback. The check has no effect on the daemon."""
     endpoint, called = f"tcp/127.0.0.1:{free_port}", []
-    with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}) as bus:
+    with Bus(
+        BusSettings(listen=(endpoint,)),
+        PREFIX,
+        {"cmd/ack": QueryHandler("answer", lambda asked: raw("answer", called.append(asked) or {}))},
+    ) as bus:
         assert seen(endpoint).cause == "denied"  # a bus without documents has no daemon of this robot
-        bus.publish("info", "info", {})
+        bus.say(raw("info", {}))
         found = seen(endpoint)
     assert (found.cause, found.text) == ("reached", "connected, may look and act")
     assert called == []
@@ -108,9 +113,9 @@ def test_a_daemon_without_secrets_is_reached_and_may_be_acted_on(free_port):
 def test_every_failure_of_tls_has_its_message(etc, free_port):
     """The daemon has the shipped configuration. Its certificate, the client's, a missing file or the protocol is wrong."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
-    answers = {"cmd/ack": QueryHandler("answer", lambda asked: called.append(asked) or {})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda asked: raw("answer", called.append(asked) or {}))}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), PREFIX, answers) as bus:
-        bus.publish("info", "info", {})
+        bus.say(raw("info", {}))
 
         def by(name: str):
             return seen(endpoint, zenoh_file=str(etc / f"{name}.json5"))
@@ -171,8 +176,8 @@ def test_each_failure_through_a_router_has_its_message(etc, free_port, router):
     assert absent.cause == "nothing_said"
     assert "not connected to that router" in absent.text
     settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
-    with Bus(settings, PREFIX, {"cmd/ack": QueryHandler("answer", lambda _: {})}) as bus:
-        bus.publish("info", "info", {})
+    with Bus(settings, PREFIX, {"cmd/ack": QueryHandler("answer", lambda _: raw("answer", {}))}) as bus:
+        bus.say(raw("info", {}))
         for _ in range(10):
             if (found := seen(endpoint, zenoh_file=viewer)).reached:
                 break

@@ -7,7 +7,7 @@ import jsonschema
 import pytest
 from undeclared import undeclared
 
-from monitor.publish.documents import Request
+from monitor.publish.queries import Request
 from monitor.publish.registry import KINDS, schema
 
 RECORDED = Path(__file__).parent / "recorded_v1"

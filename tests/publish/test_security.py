@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import trustme
 import zenoh
+from published import raw
 
 from monitor.errors import BadInput, BusError
 from monitor.publish.bus import Bus, QueryHandler
@@ -51,9 +52,9 @@ def etc(tmp_path_factory):
 def bus(etc, free_port):
     """A daemon's bus behind TLS, with one command that records its callers."""
     endpoint, called = f"tls/127.0.0.1:{free_port}", []
-    answers = {"cmd/ack": QueryHandler("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda request: raw("answer", called.append(request) or {"done": "acknowledged"}))}
     with Bus(BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon.json5")), prefix("lab", "cell-1"), answers) as bus:
-        bus.publish("health", "health", {"state": "NORMAL"})
+        bus.say(raw("health", {"state": "NORMAL"}))
         yield bus, endpoint, called
 
 
@@ -92,7 +93,7 @@ def test_a_viewer_cannot_publish_for_the_monitor(etc, bus):
         assert listener.get("health")
         liar.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
         assert [reply.ok.payload.to_bytes() for reply in liar.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
-        bus[0].publish("health", "health", {"state": "OFF_SPEC"})
+        bus[0].say(raw("health", {"state": "OFF_SPEC"}))
         assert eventually(lambda: received or None)
     assert [json.loads(sample.payload.to_bytes())["state"] for sample in received] == ["OFF_SPEC"]
 
@@ -132,7 +133,7 @@ def test_only_the_cell_answers_whether_the_arm_may_move(etc, bus):
             cell.put("joint-monitor/v1/lab/cell-1/health", json.dumps({"state": "FAILURE"}))
             assert [reply.ok.payload.to_bytes() for reply in cell.get("joint-monitor/v1/lab/cell-1/health", timeout=5.0)]
             assert list(cell.get("joint-monitor/v1/lab/cell-1/cmd/ack", payload=b'{"by": "cell"}', timeout=2.0)) == []
-            ours.publish("health", "health", {"state": "OFF_SPEC"})
+            ours.say(raw("health", {"state": "OFF_SPEC"}))
             assert eventually(lambda: received or None)
         assert [json.loads(sample.payload.to_bytes())["state"] for sample in received] == ["OFF_SPEC"]
     assert called == []
@@ -176,10 +177,10 @@ def test_through_the_router_of_the_example(etc, free_port):
     router = subprocess.Popen([sys.executable, "-c", script, str(etc / "router.json5"), endpoint], stdout=subprocess.PIPE, text=True)
     try:
         assert router.stdout.readline() == "up\n"
-        answers = {"cmd/ack": QueryHandler("answer", lambda request: {"done": "acknowledged"})}
+        answers = {"cmd/ack": QueryHandler("answer", lambda request: raw("answer", {"done": "acknowledged"}))}
         settings = BusSettings(listen=(), connect=(endpoint,), zenoh=str(etc / "daemon.json5"))
         with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
-            bus.publish("health", "health", {"state": "NORMAL"})
+            bus.say(raw("health", {"state": "NORMAL"}))
             with client(etc, endpoint, "maintenance") as session:
                 deadline = time.monotonic() + 10.0
                 while not session.get("health") and time.monotonic() < deadline:
@@ -213,10 +214,10 @@ def test_users_and_passwords_from_credentials(etc, tmp_path, free_port, monkeypa
     text = (etc / "maintenance-password.json5").read_text("utf-8")
     (etc / "viewer-password.json5").write_text(text.replace('"maintenance"', '"viewer"'), "utf-8")
     credentials("monitor", users["monitor"])
-    answers = {"cmd/ack": QueryHandler("answer", lambda request: called.append(request) or {"done": "acknowledged"})}
+    answers = {"cmd/ack": QueryHandler("answer", lambda request: raw("answer", called.append(request) or {"done": "acknowledged"}))}
     settings = BusSettings(listen=(endpoint,), zenoh=str(etc / "daemon-passwords.json5"))
     with Bus(settings, prefix("lab", "cell-1"), answers) as bus:
-        bus.publish("health", "health", {"state": "NORMAL"})
+        bus.say(raw("health", {"state": "NORMAL"}))
         for who, done in (("maintenance", [{"done": "acknowledged"}]), ("viewer", [])):
             credentials(who, users[who])
             with client(etc, endpoint, f"{who}-password") as session:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.judge.inspection import InspectionSettings
-from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
+from monitor.publish.queries import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import schema
 from monitor.service.daemon import Daemon
 from monitor.service.history.recompute import recompute

@@ -11,16 +11,19 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from published import raw
 
 from monitor.errors import BadInput
 from monitor.publish.bus import QUEUE_LENGTH, Bus, QueryHandler
 from monitor.publish.client import Client
+from monitor.publish.documents import Document
 from monitor.publish.session import BusSettings, prefix, session_config
 
 ROOT = Path(__file__).parents[2]
 PREFIX = prefix("lab", "cell-1")
 GREEDY = """
 import sys, time, zenoh
+from monitor.publish.documents import Document
 from monitor.publish.session import session_config
 session = zenoh.open(session_config(mode="client", connect=(sys.argv[1],)))
 subscriber = session.declare_subscriber(sys.argv[2] + "/**", lambda sample: None)
@@ -48,7 +51,10 @@ def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
     Zenoh's default waits 5 s each time, and 10 s were measured. The daemon's setting is 0.5 s; 4 s leave room for a busy machine.
     """
     big = {"rows": "x" * 400_000}
-    answers = {"torque": QueryHandler("torque", lambda _: {}), "history": QueryHandler("history", lambda _: big, payload=False)}
+    answers = {
+        "torque": QueryHandler("torque", lambda _: raw("torque", {})),
+        "history": QueryHandler("history", lambda _: raw("history", big), payload=False),
+    }
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     stop = threading.Event()
     with Bus(BusSettings(listen=(endpoint,)), PREFIX, answers) as bus:
@@ -57,7 +63,7 @@ def test_a_client_that_no_longer_reads_is_disconnected_and_may_return(endpoint):
             number = 0
             while not stop.wait(0.02):
                 number += 1
-                bus.publish("health", "health", {"number": number})
+                bus.say(raw("health", {"number": number}))
 
         speaker = threading.Thread(target=speak)
         speaker.start()
@@ -99,9 +105,9 @@ def test_every_query_of_a_flood_is_answered_or_refused(endpoint):
     replies: list[str] = []
     done = threading.Semaphore(0)
 
-    def answer(_: object) -> dict[str, int]:
+    def answer(_: object) -> Document:
         gate.wait(20.0)
-        return {}
+        return raw("torque", {})
 
     with Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", answer)}):
         with zenoh.open(session_config(mode="client", connect=(endpoint,))) as session:
@@ -127,7 +133,7 @@ def test_every_query_of_a_flood_is_answered_or_refused(endpoint):
 def test_a_payload_that_is_too_large_is_refused_unread(endpoint):
     """For a payload of 4 MB and more, the error names the limit."""
     with (
-        Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", lambda _: {})}),
+        Bus(BusSettings(listen=(endpoint,)), PREFIX, {"torque": QueryHandler("torque", lambda _: raw("torque", {}))}),
         Client(endpoint, "lab", "cell-1") as client,
     ):
         with pytest.raises(BadInput, match="at most 4000000 are read"):

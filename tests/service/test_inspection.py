@@ -13,6 +13,7 @@ import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.openmetrics.exposition import generate_latest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
+from published import last_values
 from typer.testing import CliRunner
 
 from monitor.acquire.driver import ReportedError, ReportedMode
@@ -23,10 +24,11 @@ from monitor.cli.main import app
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.inspection import PLANS, Done, InspectionItem, InspectionSettings, due
-from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
+from monitor.publish.documents import as_json
 from monitor.publish.metrics import Families, families
+from monitor.publish.queries import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import schema
-from monitor.publish.timestamps import outside, rfc3339
+from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
 from monitor.service.duty import Duty
 from monitor.service.history.inspection import declare, inspection_document
@@ -82,7 +84,7 @@ class Watched:
     def document(self) -> dict:
         found = inspection_document(self.configuration.inspection, self.store, self.clock)
         assert found is not None
-        return outside(found)
+        return as_json(found)
 
 
 @pytest.fixture
@@ -210,10 +212,10 @@ def test_operating_hours_make_a_check_due_and_recording_it_begins_anew(tmp_path)
         assert (item["state"], item["hours_left"]) == ("soon", pytest.approx(100.0 - 9 * 8.0)), "of the day itself nothing counts"
         assert item["days_left"] == pytest.approx(28.0 / 8.0)
         answer = declare(store, arm.configuration.inspection, InspectedRequest(item="Gripper", by="Ada", why="no play"), NOW)
-        assert answer["inspection"]["hours_left"] == pytest.approx(100.0)
-        assert answer["inspection"]["last_by"] == "Ada"
+        assert answer.inspection.hours_left == pytest.approx(100.0)
+        assert answer.inspection.last_by == "Ada"
         answer = declare(store, arm.configuration.inspection, UndoInspectedRequest(item="gripper", by="Ada"), NOW)
-        assert answer["inspection"]["hours_left"] == pytest.approx(28.0)
+        assert answer.inspection.hours_left == pytest.approx(28.0)
         with pytest.raises(BadInput, match="nothing is recorded"):
             declare(store, arm.configuration.inspection, UndoInspectedRequest(item="gripper", by="Ada"), NOW)
         with pytest.raises(BadInput, match="known are 'gripper'"):
@@ -270,7 +272,7 @@ def test_the_document_fits_its_schema_and_stands_in_status_report_and_metrics(wa
     for text in ("Prüfpflichten", "Flachringe", "nie eingetragen", "Ellbogen", "C153A2", "Schutzstopp"):
         assert text in page, text
     registry = CollectorRegistry()
-    registry.register(Families(lambda: families({"info": {"robot": ROBOT}, "inspection": found})))
+    registry.register(Families(lambda: families(last_values({"info": {"robot": ROBOT, "version": "1"}, "inspection": found}))))
     samples = {
         (sample.name, sample.labels.get("item", sample.labels.get("joint", ""))): sample.value
         for family in text_string_to_metric_families(generate_latest(registry).decode())

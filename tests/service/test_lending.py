@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from published import last_values
 from test_backups_and_retention import configuration
 from test_scheduler import DAY, START, Arm
 
@@ -13,9 +14,9 @@ from monitor.acquire.schedule.needed import Told
 from monitor.errors import MonitorError, MotionRefused
 from monitor.judge.alerts.condition import ServiceSituation, Standing
 from monitor.judge.alerts.conditions import SERVICE_CONDITIONS
+from monitor.publish.documents import as_json
 from monitor.publish.metrics import families
-from monitor.publish.timestamps import outside
-from monitor.reason import reason_of
+from monitor.reason import Reason, reason_of
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
 from monitor.service.lending import BorrowedWindow, DueReplay
@@ -53,11 +54,11 @@ class LentArm(Arm):
     def note_due(self, due: DueReplay | None) -> None:
         self.waiting = due
 
-    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[str], None]) -> LedgerRow | str:
+    def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[Reason], None]) -> LedgerRow | Reason:
         """Wait as the monitor does: ten minutes pass between two looks."""
         self.asked += 1
         if self.unheard:
-            return self.unheard
+            return reason_of(self.unheard)
         self.nodes = [at for at in self.nodes if at > self.clock[0] - 1200.0]  # the program was there, and went on
         while waits():
             self.clock[0] += 600.0
@@ -65,14 +66,14 @@ class LentArm(Arm):
             reached = [at for at in self.nodes if at <= self.clock[0]]
             self.nodes = [at for at in self.nodes if at > self.clock[0]]
             if reached and self.refused:
-                passed(self.refused)
+                passed(reason_of(self.refused))
             elif reached:
                 ledger_id = self.store.ledger.claim(due.key_unix_s, due.kind, self.clock[0])
                 assert ledger_id is not None
                 self.replayed.append(self.clock[0])
                 self.store.ledger.end(ledger_id, self.outcome, "a test", self.clock[0])
                 return self.store.ledger.row(ledger_id)
-        return "stopped on request"
+        return reason_of("stopped on request")
 
     def passes(self, seconds: float, step: float = 480.0) -> None:
         """Until so much time has passed, of which the waiting takes its part."""
@@ -98,7 +99,7 @@ def test_a_window_makes_the_replay_due_until_the_program_is_at_its_node(lent):
     assert arm.replayed == []
     assert arm.waiting is not None
     assert arm.waiting.since_unix_s == THREE
-    assert arm.waiting.text == "waiting for the program's node; none was reached yet"
+    assert arm.waiting.waits_for.text == "waiting for the program's node; none was reached yet"
     arm.passes(6 * HOUR)
     (at,) = arm.replayed
     assert START + 6 * HOUR <= at < START + 6 * HOUR + 1200.0
@@ -178,7 +179,7 @@ def test_nothing_is_asked_of_the_program_on_a_blackout_day_or_without_room(lent)
     arm.passes(20 * HOUR)
     assert arm.asked == asked
     assert arm.waiting is not None
-    assert arm.waiting.text == "not offered to the program: blackout: nothing is replayed today"
+    assert arm.waiting.waits_for.text == "not offered to the program: blackout: nothing is replayed today"
     arm.passes(DAY)
     assert len(arm.replayed) == 1
     assert arm.replayed[0] > START + 2 * DAY
@@ -190,7 +191,7 @@ def test_a_refusal_before_any_node_is_said_and_tried_again(lent):
     arm.unheard = "127.0.0.1: no answer"
     arm.passes(5 * HOUR)
     assert arm.waiting is not None
-    assert arm.waiting.text == "not offered to the program: 127.0.0.1: no answer"
+    assert arm.waiting.waits_for.text == "not offered to the program: 127.0.0.1: no answer"
     assert arm.store.ledger.rows() == []
     arm.unheard, arm.nodes = "", [START + 6 * HOUR]
     arm.passes(2 * HOUR)
@@ -253,20 +254,23 @@ def test_a_disk_that_fails_while_the_node_is_waited_for_ends_nothing(lent):
 
 def test_the_alert_stale_and_the_status_line_name_what_is_waited_for():
     """Nothing is learnt because no node is reached: whoever looks at the alert reads that, and not the reason of an older window."""
-    due = DueReplay(key_unix_s=THREE, since_unix_s=THREE, until_unix_s=THREE + DAY, passed_by="payload: 0.4 kg more than configured")
+    due = DueReplay(
+        key_unix_s=THREE, since_unix_s=THREE, until_unix_s=THREE + DAY, passed_by=reason_of("payload: 0.4 kg more than configured")
+    )
     situation = ServiceSituation(
         now_unix_s=START + 3 * DAY,
         unlearnt=Standing(START, reason_of("an older reason"), START + 2 * DAY),
-        due=Standing(due.since_unix_s, reason_of(due.text)),
+        due=Standing(due.since_unix_s, due.waits_for),
     )
     (stale,) = [condition for condition in SERVICE_CONDITIONS if condition.name == "stale"]
     text = stale.service(situation).text
     waited = "waiting for the program's node; at the last one: payload: 0.4 kg more than configured"
     assert text.endswith(f"A replay is due since 2026-06-01 03:00 UTC, {waited}.")
     assert "older reason" not in text
-    document = {"last_replay": None, "next_replay_due_unix_s": None, "arm": {"heard": True}, "troubles": [], "due": due.as_document()}
+    monitor = last_values({"monitor": {"last_replay": None, "next_replay_due": None, "arm": {"heard": True}, "troubles": []}})["monitor"]
+    document = monitor.model_copy(update={"due": due.document()})
     assert f"due since 2026-06-01T03:00:00Z, {waited}" in status_line("NORMAL", document)
-    (heard,) = [family for family in families({"monitor": outside(document)}) if family.name == "joint_monitor_due_since_timestamp_seconds"]
+    (heard,) = [family for family in families({"monitor": document}) if family.name == "joint_monitor_due_since_timestamp_seconds"]
     assert [sample.value for sample in heard.samples] == [THREE]
 
 
@@ -293,7 +297,7 @@ def test_the_ledger_says_from_whom_an_arm_was_borrowed_and_for_how_long(tmp_path
             number = window.enter()
             window.lost()
         assert store.borrows.of(store.ledger.rows())[number].waited_s is None
-        assert borrowed_text(outside(borrowed_document(store.borrows.of(store.ledger.rows())[number]))).endswith("the program has ended")
+        assert borrowed_text(as_json(borrowed_document(store.borrows.of(store.ledger.rows())[number]))).endswith("the program has ended")
         with BorrowedWindow(store, lock, due, lambda: START) as window, pytest.raises(MotionRefused, match="has this window already"):
             window.enter()
         assert not lock.locked()

@@ -22,9 +22,8 @@ from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.identify.production.arm import rows_of_columns
 from monitor.judge.alerts.health import health_from_document
 from monitor.judge.belief import belief_from_document
+from monitor.publish.documents import as_json
 from monitor.publish.metrics import families
-from monitor.publish.registry import KINDS
-from monitor.publish.timestamps import outside
 from monitor.recording import DAY_S, Array, Recording
 from monitor.service import production
 from monitor.service.computing import HERE, Apart, Compute, ComputingFailed
@@ -158,18 +157,18 @@ def test_a_day_of_production_is_judged_after_midnight_and_enters_the_history_wit
     settings = plant.configuration.schedule
     found = needed(settings, plant.store, belief, health_from_document(stored.health))
     assert found.from_unix_s == pytest.approx(day.document["end_unix_s"] + 7 * DAY_S, abs=1.0)
-    document = outside(from_production_document(plant.store, plant.state.estimator, need_document(settings, found)))
-    said = KINDS["from-production"].model.model_validate(document)
+    said = from_production_document(plant.store, plant.state.estimator, need_document(settings, found))
+    document = as_json(said)
     assert [joint.learnt_from_production for joint in said.joints] == [1] * 6
     assert [joint.learnt_from_replays for joint in said.joints] == [LIVED] * 6
     status = status_document(plant.configuration, plant.clock)
-    assert status["from_production"] == {key: value for key, value in document.items() if key != "schema"}
+    assert status["from_production"] == document
     assert "the next replay is needed from" in "\n".join(from_production_lines(status["from_production"]))
     schedule = schedule_document(plant.configuration, plant.clock, 1)
     assert schedule["needed"]["why"].startswith("work does not tell enough")
     page = report_document(plant.configuration, plant.store, None, None, plant.clock)
     assert "Was aus der normalen Arbeit kam" in "".join(from_production(page, language("de")))
-    metrics = {sample.name: sample.value for family in families({"from_production": document}) for sample in family.samples}
+    metrics = {sample.name: sample.value for family in families({"from_production": said}) for sample in family.samples}
     assert metrics["joint_monitor_observations"] == 1.0
 
 

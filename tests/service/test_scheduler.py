@@ -327,7 +327,7 @@ def test_before_the_clock_has_been_set_nothing_is_replayed(tmp_path: Path):
         arm.requests.request()
         arm.passes(3600.0)
         assert arm.replayed == []
-        assert "1970" in arm.problems.listed()[0]["text"]
+        assert "1970" in arm.problems.listed()[0].text
         arm.clock[0] = START
         arm.passes(240.0)
         assert len(arm.replayed) >= 1

@@ -21,7 +21,7 @@ from monitor.publish.timestamps import outside
 from monitor.recording import Context, Recording
 from monitor.service import uploads as uploads_module
 from monitor.service.computing import Apart
-from monitor.service.housekeeping import Maintenance
+from monitor.service.housekeeping import Housekeeping
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.preflight import service_conditions
 from monitor.service.problems import Problems
@@ -296,7 +296,7 @@ def test_only_what_the_archive_has_is_pruned_and_the_rest_stays_whatever_the_lim
     monkeypatch.setattr(uploads_module, "AT_A_TIME", 4)
     uploads.step()
     store.notes.set("production_arm", str(numbers[1]))  # the replay that ordinary work is measured against
-    Maintenance(store, lambda: settings.store, problems, lambda: NOW, uploads.observe).maintain()
+    Housekeeping(store, lambda: settings.store, problems, lambda: NOW, uploads.observe).maintain()
     assert all(store.recordings.path(number).exists() for number in numbers)  # nobody has looked into the archive
     place = Path(store.archived.of(numbers[3]).address)
     place.rename(tmp_path / "expired")  # by a rule of the bucket, or by a person

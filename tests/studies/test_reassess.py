@@ -19,7 +19,7 @@ from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.publish.documents import ServicedRequest
+from monitor.publish.queries import ServicedRequest
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.service.history.maintenance import declare_maintenance
 from monitor.service.history.recompute import recompute

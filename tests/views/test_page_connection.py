@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from browser_sizes import SIZES
 from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, monitor
+from published import raw
 
 from monitor.publish.timestamps import rfc3339
 
@@ -57,8 +58,7 @@ def test_the_focus_stays_at_an_alert_when_others_change(blank):
     """With eight alerts and endless words nothing is wider than the window, waiting ones come first, and every button has its own label."""
     page, daemon, _ = blank
     for joint, condition, tier, more in MANY:
-        where = "arm" if joint is None else f"j{joint}"
-        daemon.bus.stream(f"alert/{where}/{condition}", "alert", {"joint": joint, "condition": condition, "tier": tier, **ALERT, **more})
+        daemon.bus.say(raw("alert", {"joint": joint, "condition": condition, "tier": tier, **ALERT, **more}))
     cards = page.locator("#active .alert")
     expect(cards).to_have_count(8)
     expect(page.locator("#count")).to_have_text("6")  # neither acknowledged nor shelved
@@ -75,9 +75,7 @@ def test_the_focus_stays_at_an_alert_when_others_change(blank):
     assert "has fallen" in page.locator('[data-key="3/friction_falling"]').text_content()
     page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').focus()
     before = cards.first.element_handle()
-    daemon.bus.stream(
-        "alert/j1/wear_rising", "alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "said anew"}
-    )
+    daemon.bus.say(raw("alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "said anew"}))
     expect(page.locator('[data-key="1/wear_rising"]')).to_contain_text("said anew")
     assert not before.evaluate("one => one.isConnected")  # all cards were replaced
     assert page.evaluate("document.activeElement.closest('.alert').dataset.key + document.activeElement.dataset.do") == (
@@ -92,7 +90,7 @@ def test_the_focus_stays_at_an_alert_when_others_change(blank):
     page.locator("#ok").click()
     expect(page.locator("#problem")).to_contain_text("no active alert")  # this is the daemon's answer, so the command was sent
     asked_from = page.locator('[data-key="4/temperature_sensor"] [data-do="ack"]').element_handle()
-    daemon.bus.stream("alert/j1/wear_rising", "alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "again"})
+    daemon.bus.say(raw("alert", {"joint": 1, "condition": "wear_rising", "tier": "wear", **ALERT, "text": "again"}))
     expect(page.locator('[data-key="1/wear_rising"]')).to_contain_text("again")
     assert not asked_from.evaluate("one => one.isConnected")  # the browser has nothing left to which it could return
     page.keyboard.press("Escape")
@@ -103,20 +101,20 @@ def test_an_arm_that_is_not_received_is_shown_at_the_top_without_live_torque(bla
     """A problem comes and goes with the documents of the bus; an old sample is never shown as live torque."""
     page, daemon, store = blank
     problem = {"name": "arm", "since": "2026-06-01T03:00:00Z", "text": "connection refused"}
-    daemon.bus.stream("monitor", "monitor", {"troubles": [problem]})
+    daemon.bus.say(raw("monitor", {"troubles": [problem]}))
     expect(page.locator("#troubles")).to_contain_text("The arm is not heard since")
     expect(page.locator("#troubles")).to_contain_text("connection refused")
-    daemon.bus.stream("monitor", "monitor", {"troubles": []})
+    daemon.bus.say(raw("monitor", {"troubles": []}))
     expect(page.locator("#troubles")).to_be_empty()
     sample = {name: [0.0] * 6 for name in ("q_rad", "predicted_nm", "std_nm", "measured_nm", "residual_nm", "extrapolated")}
-    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample})
+    daemon.bus.say(raw("torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample}))
     expect(page.locator("#torque-figure")).to_be_hidden()  # at standstill, torque says nothing of friction
-    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample, "q_rad": [0.5] * 6})
+    daemon.bus.say(raw("torque-live", {"at": rfc3339(FIRST_UNIX_S + DAY_S), **sample, "q_rad": [0.5] * 6}))
     expect(page.locator("#torque canvas")).to_be_visible()
     page.clock.fast_forward(16_000)
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")
     expect(page.locator("#residual")).to_be_empty()
-    daemon.bus.stream("torque/live", "torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample})
+    daemon.bus.say(raw("torque-live", {"at": rfc3339(FIRST_UNIX_S), **sample}))
     store.stops.add("protective_stop", "safety mode 3", FIRST_UNIX_S)
     page.reload()
     expect(page.locator("#torque")).to_contain_text("Nothing is heard of the arm since")

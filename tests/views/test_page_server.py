@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
+from published import raw
 
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.publish.registry import KINDS
@@ -153,7 +154,7 @@ def test_a_person_acknowledges_through_the_same_code_as_the_bus(served):
     status, _, answer = command(server, "ack", {"joint": 3, "condition": "wear_rising", "by": "Ada", "why": "grease is ordered"})
     assert status == 200
     assert json.loads(answer)["alert"]["acknowledged_by"] == "Ada"
-    assert daemon.bus.last_values()["alert/j3/wear_rising"]["acknowledged_why"] == "grease is ordered"
+    assert daemon.bus.last_values()["alert/j3/wear_rising"].acknowledged_why == "grease is ordered"
     (event,) = store.events.rows(after=before)
     assert event.document["kind"] == "acknowledged"
 
@@ -272,7 +273,7 @@ def test_browsers_that_never_read_hold_up_nobody_else(served):
         stuck.sendall(f"GET /api/live HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
         idle.append(stuck)
     for k in range(200):
-        daemon.bus.stream("torque/live", "torque-live", {"k": k, "padding": "x" * 20_000})
+        daemon.bus.say(raw("torque-live", {"k": k, "padding": "x" * 20_000}))
     assert ask(server, "/api/history")[0] == 200
     assert ask(server, "/api/live")[0] == 503  # a 33rd stream is refused
     for stuck in idle:
@@ -420,4 +421,4 @@ def test_the_page_comes_in_the_language_of_the_browser(served):
         assert "[[" not in page
     schedule = json.loads(ask(server, "/api/schedule?lang=de")[2])
     assert any(row["reason"] == "Freigabe: the cell's door is open" for row in schedule["windows"])
-    assert "friction" in daemon.bus.last_values()["alert/j3/wear_rising"]["text"]
+    assert "friction" in daemon.bus.last_values()["alert/j3/wear_rising"].text

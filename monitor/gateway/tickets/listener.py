@@ -27,7 +27,7 @@ from monitor.plant.links import ArmName
 from monitor.plant.pull import read_document
 from monitor.plant.screen.people import role_named
 from monitor.plant.settings import PlantConfiguration
-from monitor.publish.documents import Who, Why
+from monitor.publish.queries import Who, Why
 from monitor.views.web.app import read_body
 from monitor.views.web.server import WebServer
 from monitor.views.web.settings import address_of

@@ -4,13 +4,13 @@ The daemon does this when it is asked on the bus, and `joint-monitor inspected` 
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.inspection import PLANS, Done, InspectionItem, InspectionSettings, check_named, due
-from monitor.publish.documents import InspectedRequest, UndoInspectedRequest
-from monitor.publish.timestamps import outside, rfc3339, unix_s
+from monitor.publish import documents
+from monitor.publish.queries import InspectedRequest, UndoInspectedRequest
+from monitor.publish.timestamps import unix_s, utc, utc_if
 from monitor.recording import DAY_S
 from monitor.store.history.duties import DutyDay, InspectionRow, SafetyStop
 from monitor.store.store import Store
@@ -38,8 +38,8 @@ STOPS_SHOWN = 20  # newest stops of the document
 HOUR_S = 3600.0
 
 
-def inspection_document(settings: InspectionSettings, store: Store, now_unix_s: float) -> dict[str, Any] | None:
-    """Operating hours, stops and checks, its times not yet text; None where [inspection] asks for nothing. Raises StoreError."""
+def inspection_document(settings: InspectionSettings, store: Store, now_unix_s: float) -> documents.Inspection | None:
+    """Operating hours, stops and checks; None where [inspection] asks for nothing. Raises StoreError."""
     if not settings.wanted:
         return None
     first, heard_s, on_s, moving_s, stops = store.duties.total()
@@ -49,27 +49,33 @@ def inspection_document(settings: InspectionSettings, store: Store, now_unix_s: 
     hours = settings.hours_before + on_s / HOUR_S
     newest = store.duties.stops(limit=STOPS_SHOWN)
     rows = [row for row in store.duties.inspections() if row.in_force]
-    return {
-        "said_at_unix_s": now_unix_s,
-        "counted_since_unix_s": None if first is None else first * DAY_S,
-        "heard_h": heard_s / HOUR_S,
-        "on_h": on_s / HOUR_S,
-        "moving_h": moving_s / HOUR_S,
-        "operating_h": hours,
-        "on_h_per_day": pace,
-        "stops": stops,
-        "stops_28_days": sum(day.stops for day in recent),
-        "stops_by_joint": [{"joint": joint, "stops": count} for joint, count in store.duties.stops_by_joint().items()],
-        "last_stops": [stop_document(stop) for stop in reversed(newest)],
-        "plan": PLANS[settings.plan].source if settings.plan else None,
-        "items": [_item(item, settings, rows, store, now_unix_s, hours, pace) for item in settings.checks],
-    }
+    return documents.Inspection(
+        said_at=utc(now_unix_s),
+        counted_since=None if first is None else utc(first * DAY_S),
+        heard_h=heard_s / HOUR_S,
+        on_h=on_s / HOUR_S,
+        moving_h=moving_s / HOUR_S,
+        operating_h=hours,
+        on_h_per_day=pace,
+        stops=stops,
+        stops_28_days=sum(day.stops for day in recent),
+        stops_by_joint=[documents.JointStops(joint=joint, stops=count) for joint, count in store.duties.stops_by_joint().items()],
+        last_stops=[stop_document(stop) for stop in reversed(newest)],
+        plan=PLANS[settings.plan].source if settings.plan else None,
+        items=[_item(item, settings, rows, store, now_unix_s, hours, pace) for item in settings.checks],
+    )
 
 
-def stop_document(stop: SafetyStop) -> dict[str, Any]:
-    """One stop, its times not yet text."""
-    names = ("at_unix_s", "kind", "ended_at_unix_s", "joint", "code", "during_replay")
-    return {name: getattr(stop, name) for name in names}
+def stop_document(stop: SafetyStop) -> documents.SafetyStop:
+    """One stop as it is published."""
+    return documents.SafetyStop(
+        at=utc(stop.at_unix_s),
+        kind=stop.kind,
+        ended_at=utc_if(stop.ended_at_unix_s),
+        joint=stop.joint,
+        code=stop.code,
+        during_replay=bool(stop.during_replay),
+    )
 
 
 def _hours_a_day(recent: Sequence[DutyDay], today: int) -> float:
@@ -86,7 +92,7 @@ def _item(
     now_unix_s: float,
     hours: float,
     pace: float,
-) -> dict[str, Any]:
+) -> documents.InspectionItem:
     own = max((row for row in rows if row.item == item.name), key=lambda row: row.done_at_unix_s, default=None)
     configured = unix_s(item.last_done) if item.last_done else None
     if configured is not None and configured > now_unix_s + DAY_S:  # a slip is no record; a day in which it is tomorrow somewhere
@@ -97,20 +103,20 @@ def _item(
     elif configured is not None:
         own, done = None, Done(configured, _hours_at(store, settings, configured, hours))
     found = due(item, done, now_unix_s, hours, pace, settings.notice_days)
-    return {
-        "name": item.name,
-        "every_days": item.every_days or None,
-        "every_hours": item.every_hours or None,
-        "after_collision": item.after_collision,
-        "last_done_unix_s": None if done is None else done.at_unix_s,
-        "last_by": None if own is None else own.done_by,
-        "last_why": None if own is None else own.why,
-        "state": found.state,
-        "due_unix_s": found.at_unix_s,
-        "days_left": found.days_left,
-        "hours_left": found.hours_left,
-        "stops_since": store.duties.stops_since(0.0 if done is None else done.at_unix_s),
-    }
+    return documents.InspectionItem(
+        name=item.name,
+        every_days=item.every_days or None,
+        every_hours=item.every_hours or None,
+        after_collision=item.after_collision,
+        last_done=None if done is None else utc(done.at_unix_s),
+        last_by=None if own is None else own.done_by,
+        last_why=None if own is None else own.why,
+        state=found.state,
+        due=utc_if(found.at_unix_s),
+        days_left=found.days_left,
+        hours_left=found.hours_left,
+        stops_since=store.duties.stops_since(0.0 if done is None else done.at_unix_s),
+    )
 
 
 def _hours_at(store: Store, settings: InspectionSettings, at_unix_s: float, hours_now: float) -> float | None:
@@ -122,7 +128,7 @@ def _hours_at(store: Store, settings: InspectionSettings, at_unix_s: float, hour
     return hours_now - sum(each.on_s for each in days if each.day > day) / HOUR_S
 
 
-def declare(store: Store, settings: InspectionSettings, request: Request, now_unix_s: float) -> dict[str, Any]:
+def declare(store: Store, settings: InspectionSettings, request: Request, now_unix_s: float) -> documents.Answer:
     """Store what a person says of a check; returns the answer to the command. Raises BadInput where it does not fit this arm."""
     item = check_named(settings.checks, request.item)
     if isinstance(request, UndoInspectedRequest):
@@ -139,29 +145,26 @@ def declare(store: Store, settings: InspectionSettings, request: Request, now_un
     return _answer("inspected", store, settings, item, now_unix_s)
 
 
-def _answer(done: str, store: Store, settings: InspectionSettings, item: InspectionItem, now_unix_s: float) -> dict[str, Any]:
+def _answer(done: str, store: Store, settings: InspectionSettings, item: InspectionItem, now_unix_s: float) -> documents.Answer:
     document = inspection_document(settings, store, now_unix_s)
     assert document is not None  # there is a check
-    shown = next(each for each in document["items"] if each["name"] == item.name)
-    answer = outside({"done": done, "inspection": shown, "text": [item_text(shown)]})
-    assert isinstance(answer, dict)
-    return answer
+    shown = next(each for each in document.items if each.name == item.name)
+    return documents.Answer(done=done, inspection=shown, text=[item_text(shown)])
 
 
-def item_text(item: dict[str, Any]) -> str:
-    """One check as a sentence; its times are seconds since 1970."""
-    name, left, at = item["name"], item["days_left"], item["due_unix_s"]
-    if item["state"] == "unrecorded":
-        return f"{name}: due, nobody has recorded when it was done last."
-    last = f"last done {rfc3339(item['last_done_unix_s'])[:10]}"
-    if at is None:
-        return f"{name}: {last}; its hours are not known yet."
-    when = f"due {rfc3339(at)[:10]}" if left > 0.0 else f"due since {rfc3339(at)[:10]}"
-    hours = "" if item["hours_left"] is None else f", {item['hours_left']:.0f} h left"
-    return f"{name}: {when}{hours}; {last}."
+def item_text(item: documents.InspectionItem) -> str:
+    """One check as a sentence."""
+    if item.last_done is None:
+        return f"{item.name}: due, nobody has recorded when it was done last."
+    last = f"last done {item.last_done:%Y-%m-%d}"
+    if item.due is None or item.days_left is None:
+        return f"{item.name}: {last}; its hours are not known yet."
+    when = f"due {item.due:%Y-%m-%d}" if item.days_left > 0.0 else f"due since {item.due:%Y-%m-%d}"
+    hours = "" if item.hours_left is None else f", {item.hours_left:.0f} h left"
+    return f"{item.name}: {when}{hours}; {last}."
 
 
-def offline(configuration: Configuration, request: Request, now_unix_s: float) -> dict[str, Any]:
+def offline(configuration: Configuration, request: Request, now_unix_s: float) -> documents.Answer:
     """Store what a person says where no daemon runs. Raises BadInput, StoreError; StoreInUse where a daemon has the history."""
     check_named(configuration.inspection.checks, request.item)
     with Store.open(configuration.state_directory) as store:

@@ -15,9 +15,11 @@ from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import PERSONAL, REPLACED, Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints
-from monitor.publish.documents import ServicedRequest, UndoServicedRequest
-from monitor.publish.timestamps import outside, rfc3339
-from monitor.reason import joint_text, with_reasons
+from monitor.publish import documents
+from monitor.publish.documents import Answer, made, worded
+from monitor.publish.queries import ServicedRequest, UndoServicedRequest
+from monitor.publish.timestamps import rfc3339, utc, utc_if
+from monitor.reason import joint_text
 from monitor.recording import DAY_S
 from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
@@ -36,7 +38,7 @@ class Declared(NamedTuple):
     state: EstimatorState
     alerts: tuple[Alert, ...]
     events: list[AlertEvent]
-    answer: dict[str, Any]
+    answer: Answer
 
 
 def declare_maintenance(
@@ -54,15 +56,15 @@ def declare_maintenance(
     begun, maintenance = begin_maintenance(belief, (act,))
     after = with_new_joints(begun, maintenance, configuration.assess.drift, configuration.assess.temperature)
     judged, transitions = declare(health, maintenance, now_unix_s)
-    documents = (after.as_document(), judged.as_document())
+    amended = (after.as_document(), judged.as_document())
     before = (belief.as_document(), health.as_document())
-    events = store.maintenance.declare(plain(maintenance[0]), before, documents, _events(transitions, request.by, request.why), now_unix_s)
-    answer = {
-        "done": "serviced",
-        "maintenance": maintenance_document(maintenance[0]),
-        "alerts": [outside(alert_document(each.alert)) for each in transitions],
-        "text": _meaning(store, maintenance[0], transitions),
-    }
+    events = store.maintenance.declare(plain(maintenance[0]), before, amended, _events(transitions, request.by, request.why), now_unix_s)
+    answer = Answer(
+        done="serviced",
+        maintenance=maintenance_document(maintenance[0]),
+        alerts=[made(documents.Alert, alert_document(each.alert)) for each in transitions],
+        text=_meaning(store, maintenance[0], transitions),
+    )
     return Declared(replace(state, belief=after, health=judged), tuple(each.alert for each in transitions), events, answer)
 
 
@@ -86,26 +88,26 @@ def undo_maintenance(
     assert returned.belief is not None
     assert returned.health is not None
     health, changed = _alerts_after(state.health, returned.health, request.joint)
-    documents = (returned.belief.as_document(), health.as_document())
+    amended = (returned.belief.as_document(), health.as_document())
     by, why = request.by.strip(), request.why.strip()
     transitions = tuple(Transition("updated" if alert.active else "cleared", alert) for alert in changed)
-    events = store.maintenance.undo(row, by, why, documents, _events(transitions, by, why), now_unix_s)
+    events = store.maintenance.undo(row, by, why, amended, _events(transitions, by, why), now_unix_s)
     again = f"; {replays} replays since then were judged once more" if replays else ""
     active = ", ".join(f"j{alert.joint}/{alert.condition} ({alert.tier})" for alert in changed if alert.active) or "none"
-    answer = {
-        "done": "taken back",
-        "maintenance": maintenance_document(Maintenance(**row.document))
-        | {"undone_at": rfc3339(now_unix_s), "undone_by": by, "undone_why": why},
-        "alerts": [outside(alert_document(alert)) for alert in changed],
-        "text": [
+    work = maintenance_document(Maintenance(**row.document))
+    answer = Answer(
+        done="taken back",
+        maintenance=work.model_copy(update={"undone_at": utc(now_unix_s), "undone_by": by, "undone_why": why}),
+        alerts=[made(documents.Alert, alert_document(alert)) for alert in changed],
+        text=[
             f"What is known of {joint_text(request.joint)} is what it was before the work was declared{again}.",
             f"Active again: {active}.",
         ],
-    }
+    )
     return Declared(replace(state, belief=returned.belief, health=health), changed, events, answer)
 
 
-def offline(configuration: Configuration, request: ServicedRequest | UndoServicedRequest, now_unix_s: float) -> dict[str, Any]:
+def offline(configuration: Configuration, request: ServicedRequest | UndoServicedRequest, now_unix_s: float) -> Answer:
     """The same without a daemon: the daemon finds it in the history and publishes it when it starts.
 
     Raises StoreInUse where a daemon runs, StoreError where its last run left a replay that is not assessed yet.
@@ -119,18 +121,28 @@ def offline(configuration: Configuration, request: ServicedRequest | UndoService
         return undo_maintenance(store, state, request, now_unix_s).answer
 
 
-def maintenance_document(act: Maintenance) -> dict[str, Any]:
+def maintenance_document(act: Maintenance) -> documents.Maintenance:
     """Work as it is published."""
-    published = outside(with_reasons(plain(act._replace(last_day=0)), text=act.reason, meaning=act.meaning))
-    assert isinstance(published, dict)
-    return {name: value for name, value in published.items() if name not in ("last_day", "wear_before", "change_before")}
+    return documents.Maintenance(
+        joint=act.joint,
+        kind=act.kind,
+        at=utc(act.at_unix_s),
+        declared_at=utc(act.declared_at_unix_s),
+        by=act.by,
+        why=act.why,
+        outcome=act.outcome,
+        change=plain(act.change),
+        change_std=plain(act.change_std),
+        replays=act.replays,
+        days=act.days,
+        **worded(text=act.reason, meaning=act.meaning),
+    )
 
 
-def row_document(row: MaintenanceRow) -> dict[str, Any]:
+def row_document(row: MaintenanceRow) -> documents.Maintenance:
     """Work of the history as it is published; who took it back is part of it."""
-    undone = outside({"undone_at_unix_s": row.undone_at_unix_s})
-    assert isinstance(undone, dict)
-    return maintenance_document(Maintenance(**row.document)) | undone | {"undone_by": row.undone_by, "undone_why": row.undone_why}
+    undone = {"undone_at": utc_if(row.undone_at_unix_s), "undone_by": row.undone_by, "undone_why": row.undone_why}
+    return maintenance_document(Maintenance(**row.document)).model_copy(update=undone)
 
 
 def friction_known(row: Mapping[str, Any], replays: float) -> dict[str, Any]:

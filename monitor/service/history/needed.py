@@ -1,7 +1,6 @@
 """When the next replay is needed, by what the history knows of replays and of the arm's ordinary work."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -12,10 +11,14 @@ from monitor.judge.belief import Belief
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.suspicion import doubted_rise
 from monitor.judge.production_observation import ProductionObservation
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay, worded
+from monitor.publish.timestamps import utc, utc_if
+from monitor.reason import Reason, Sentence
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
+
+NOT_NEEDED = Sentence("not_needed", "not needed before {day:day} ({why})")
 
 
 def told(store: Store | None, belief: Belief | None, health: Health | None) -> Told:
@@ -33,18 +36,17 @@ def needed(settings: ScheduleSettings, store: Store | None, belief: Belief | Non
     return need(settings, told(store, belief, health))
 
 
-def not_needed(now_unix_s: float, found: Need) -> str | None:
+def not_needed(now_unix_s: float, found: Need) -> Reason | None:
     """Why no replay is needed now; None where one is."""
     if found.at(now_unix_s):
         return None
-    # no colon: the windows that the arm or its cell refuses are counted by theirs
-    return f"not needed before {rfc3339(found.from_unix_s)[:10]} ({found.why.replace(':', ' –')})"
+    return NOT_NEEDED(day=found.from_unix_s, why=found.why)
 
 
-def need_document(settings: ScheduleSettings, found: Need) -> dict[str, object]:
-    """As documents say it, its time not yet text."""
-    from_unix_s = found.from_unix_s if math.isfinite(found.from_unix_s) else None
-    return {"replay": settings.replay, "needed_from_unix_s": from_unix_s, "why": found.why}
+def need_document(settings: ScheduleSettings, found: Need) -> NextReplay:
+    """As documents say it."""
+    at = utc(found.from_unix_s) if math.isfinite(found.from_unix_s) else None
+    return NextReplay(replay=settings.replay, needed_from=at, **worded(why=found.why))
 
 
 # --- the document `from-production` ----------------------------------------------------------------
@@ -56,8 +58,8 @@ def last_observation(store: Store) -> tuple[DayOfProduction, ProductionObservati
     return (rows[-1], typed(ProductionObservation, rows[-1].document, where="observation from production")) if rows else None
 
 
-def from_production_document(store: Store, state: EstimatorState, needed: dict[str, Any]) -> dict[str, Any] | None:
-    """What came from work: the document `from-production`, its times not yet text; None before the first day of work. Raises StoreError."""
+def from_production_document(store: Store, state: EstimatorState, needed: NextReplay) -> FromProduction | None:
+    """What came from the arm's ordinary work; None before the first day of work. Raises StoreError."""
     newest, belief = last_observation(store), state.belief
     if newest is None or belief is None or belief.production is None:
         return None
@@ -65,28 +67,28 @@ def from_production_document(store: Store, state: EstimatorState, needed: dict[s
     history, sources = belief.production, belief.filter_state.sources
     replays = np.zeros(belief.joints) if sources is None else sources.number
     periods = np.zeros(belief.joints) if sources is None else sources.other_number
-    return {
-        "period_began_at_unix_s": seen.begin_unix_s,
-        "period_ended_at_unix_s": seen.end_unix_s,
-        "observations": history.observations,
-        "seen_s": seen.seen_s,
-        "left_out_s": dict(seen.left_out_s),
-        "asks": list(history.asks),
-        "suspects": list(history.suspects),
-        "next_replay": needed,
-        "joints": [
-            {
-                "joint": j + 1,
-                "known": bool(seen.known[j] > 0),
-                "share": None if not math.isfinite(seen.share[j]) else float(seen.share[j]),
-                "friction_nm": plain(seen.friction_nm[j]),
-                "deviation_nm": plain(seen.deviation_nm[j]),
-                "temperature_c": plain(seen.temperature_c[j]),
-                "learnt_at_unix_s": plain(history.learnt_at_unix_s[j]),
-                "learnt_from_replays": int(replays[j]),
-                "learnt_from_production": int(periods[j]),
-                "reason": seen.reasons[j] if j < len(seen.reasons) else "",
-            }
+    return FromProduction(
+        period_began_at=utc(seen.begin_unix_s),
+        period_ended_at=utc(seen.end_unix_s),
+        observations=history.observations,
+        seen_s=seen.seen_s,
+        left_out_s=dict(seen.left_out_s),
+        asks=list(history.asks),
+        suspects=list(history.suspects),
+        next_replay=needed,
+        joints=[
+            JointFromProduction(
+                joint=j + 1,
+                known=bool(seen.known[j] > 0),
+                share=float(seen.share[j]) if math.isfinite(seen.share[j]) else None,
+                friction_nm=plain(seen.friction_nm[j]),
+                deviation_nm=plain(seen.deviation_nm[j]),
+                temperature_c=plain(seen.temperature_c[j]),
+                learnt_at=utc_if(plain(history.learnt_at_unix_s[j])),
+                learnt_from_replays=int(replays[j]),
+                learnt_from_production=int(periods[j]),
+                **worded(reason=seen.reasons[j] if j < len(seen.reasons) else ""),
+            )
             for j in range(belief.joints)
         ],
-    }
+    )

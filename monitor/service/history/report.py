@@ -11,6 +11,7 @@ from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import TIERS, health_from_document
 from monitor.judge.belief import belief_from_document
+from monitor.publish.documents import as_json
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.reason import Sentence, with_reasons
 from monitor.recording import DAY_S
@@ -217,7 +218,8 @@ def _from_production(configuration: Configuration, store: Store) -> dict[str, An
     known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
     settings = configuration.schedule
     found = needed(settings, store, known.belief, known.health)
-    return {"from_production": from_production_document(store, known, need_document(settings, found))}
+    document = from_production_document(store, known, need_document(settings, found))
+    return {"from_production": None if document is None else as_json(document)}
 
 
 def _inspection(configuration: Configuration, store: Store, begin: float, end: float, now_unix_s: float) -> dict[str, Any]:
@@ -226,13 +228,14 @@ def _inspection(configuration: Configuration, store: Store, begin: float, end: f
     if document is None:
         return {}
     stops = store.duties.stops(from_unix_s=begin, to_unix_s=end)
-    return {"inspection": {**document, "last_stops": [stop_document(stop) for stop in stops[-STOPS_SHOWN:]], "stops_period": len(stops)}}
+    shown = [as_json(stop_document(stop)) for stop in stops[-STOPS_SHOWN:]]
+    return {"inspection": {**as_json(document), "last_stops": shown, "stops_period": len(stops)}}
 
 
 def _maintenance(store: Store, begin: float, end: float) -> list[dict[str, Any]]:
     """Work on joints that was done or declared in the period; what was taken back before its end says so."""
     rows = store.maintenance.rows()
-    return [row_document(row) for row in rows if begin <= row.declared_at_unix_s < end or begin <= row.document["at_unix_s"] < end]
+    return [as_json(row_document(row)) for row in rows if begin <= row.declared_at_unix_s < end or begin <= row.document["at_unix_s"] < end]
 
 
 def _stop(stop: Stop, end: float) -> dict[str, Any]:

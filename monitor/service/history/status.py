@@ -14,8 +14,8 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document
-from monitor.judge.document import plain
 from monitor.judge.torque.model import model_from_document
+from monitor.publish.documents import FromProduction, as_json, worded_json
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque import torque_answer
@@ -48,7 +48,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
     with Store.reader(configuration.state_directory) as store:
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
-        maintenance = [row_document(row) for row in store.maintenance.rows() if row.in_force][-MAINTENANCE_SHOWN:]
+        maintenance = [as_json(row_document(row)) for row in store.maintenance.rows() if row.in_force][-MAINTENANCE_SHOWN:]
         if state is not None and (replays := state.belief.get("filter_state", {}).get("replays")):
             newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
         recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
@@ -65,11 +65,11 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "early_alerts": [outside(alert_document(alert)) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
         "maintenance": maintenance,
-        **({} if from_production is None else {"from_production": outside(from_production)}),
-        **({} if inspection is None else {"inspection": outside(inspection)}),
-        "monitor": monitor,
+        **({} if from_production is None else {"from_production": as_json(from_production)}),
+        **({} if inspection is None else {"inspection": as_json(inspection)}),
+        "monitor": None if monitor is None else as_json(monitor),
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
-        "not_watched": not_watched(monitor, now_unix_s),
+        **worded_json(not_watched=not_watched(monitor, now_unix_s)),
         "ledger": [_window(row, tries[row.id], borrows.get(row.id)) for row in ledger],
     }
     if why_joint is not None:
@@ -108,13 +108,13 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
             for window in windows
         ],
         "blackout": list(settings.blackout),
-        **({} if settings.replay == ALWAYS else {"needed": outside(need_document(settings, need))}),
-        "due": None if due is None else outside({key: value for key, value in due.as_document().items() if key != "text"}),
+        **({} if settings.replay == ALWAYS else {"needed": as_json(need_document(settings, need))}),
+        "due": None if due is None else due.document().model_dump(mode="json", include={"since", "until", "kind", "why", "tries"}),
         "last": [_window(row, tries[row.id], borrows.get(row.id)) for row in last],
     }
 
 
-def _from_production(store: Store, state: StoredState | None, configuration: Configuration) -> dict[str, Any] | None:
+def _from_production(store: Store, state: StoredState | None, configuration: Configuration) -> FromProduction | None:
     """What came from work; None where none was judged: then nothing of the state is read."""
     if state is None or not store.production.rows(limit=1):
         return None
@@ -142,16 +142,16 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
     temperatures = [row.get("temperature_c") for row in newest]
     present_c = None if None in temperatures or not newest else np.array(temperatures)
-    answer: dict[str, Any] = plain(torque_answer(model_from_document(state.model), configuration.robot_description, present_c, request))
-    return answer
+    return as_json(torque_answer(model_from_document(state.model), configuration.robot_description, present_c, request))
 
 
 def _window(row: LedgerRow, tries: Sequence[Try], borrow: Borrow | None) -> dict[str, Any]:
     """One window; `tries`, where there are any, are the replays before the last one in it; `borrowed`: a program lent the arm."""
-    document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state, "reason": row.reason_text}
-    earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, "reason": each.reason.text} for each in tries]
+    document = {"replay": row.id, "window": rfc3339(row.window_unix_s), "kind": row.kind, "state": row.state}
+    document |= worded_json(reason=row.reason)
+    earlier = [{"at": rfc3339(each.ended_at_unix_s), "cause": each.cause, **worded_json(reason=each.reason)} for each in tries]
     document |= {"tries": earlier} if earlier else {}
-    return document if borrow is None else document | {"borrowed": outside(borrowed_document(borrow))}
+    return document if borrow is None else document | {"borrowed": as_json(borrowed_document(borrow))}
 
 
 def _reasons(state: StoredState | None, joint: int, configuration: Configuration) -> list[dict[str, Any]]:

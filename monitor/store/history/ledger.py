@@ -132,16 +132,18 @@ class Ledger:
         ((at,),) = self._db.rows("SELECT max(started_at_unix_s) FROM ledger WHERE state = 'assessed'")
         return None if at is None else float(at)
 
-    def refused_in_a_row(self) -> tuple[int, float, Reason | None] | None:
+    def refused_in_a_row(self, but: Sequence[str] = ()) -> tuple[int, float, Reason | None] | None:
         """The newest scheduled windows without an exception that the arm or its cell refused: how many, since when, and the last reason.
 
-        Windows that nobody attended, or that the disk or an arm without an answer cost, neither count nor interrupt. None: no such window.
+        but : codes of the reasons that are no refusal, such as of a full disk: those windows neither count nor interrupt.
+        None: no such window.
         """
+        marks = ", ".join("?" * len(but))
         ((count, since, newest),) = self._db.rows(
-            "SELECT count(*), min(window_unix_s), max(id) FROM ledger WHERE state = 'skipped' AND kind = 'scheduled' "
-            "AND json_extract(reason, '$.text') GLOB '[a-z]*:*' AND json_extract(reason, '$.text') NOT GLOB 'missed:*' "
-            "AND json_extract(reason, '$.text') NOT GLOB 'disk:*' AND json_extract(reason, '$.text') NOT GLOB 'one replay *' "
-            "AND id > (SELECT coalesce(max(id), 0) FROM ledger WHERE state <> 'skipped')"
+            "SELECT count(*), min(window_unix_s), max(id) FROM ledger WHERE state = 'skipped' AND kind = 'scheduled' "  # noqa: S608 - marks
+            f"AND json_extract(reason, '$.code') NOT IN ({marks}) "
+            "AND id > (SELECT coalesce(max(id), 0) FROM ledger WHERE state <> 'skipped')",
+            tuple(but),
         )
         return (int(count), float(since), self.row(newest).reason) if count else None
 
