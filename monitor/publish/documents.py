@@ -23,7 +23,6 @@ Maybe = FiniteFloat | None
 Rows = list[Number] | list[list[Number]]
 
 
-Reasons = dict[str, dict[str, Any]]  # of each sentence under a key beside it: its code and its parameters
 
 
 class Document(BaseModel):
@@ -121,7 +120,6 @@ class JointState(Worded):
     since: datetime
     stale: bool = Field(default=False, description="nothing was learnt of it for health.stale_days: the state is of then, not of now")
     learnt_at: datetime | None = Field(default=None, description="of the last replay that taught something of it")
-    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Attribution(Document):
@@ -144,7 +142,6 @@ class Gravest(Worded):
     text: str
     attribution: Attribution | None = None
     lowest_at: datetime | None = None
-    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Acknowledgement(Document):
@@ -186,7 +183,6 @@ class Alert(Worded):
     lowest_at: datetime | None = Field(default=None, description="when friction was lowest, from which a rise counts; null: the beginning")
     from_production: bool = Field(default=False, description="the arm's ordinary work shows it, and no replay has confirmed it yet")
     over_since: datetime | None = Field(default=None, description="since when it is over, while nobody has acknowledged it")
-    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
     serviced_at: datetime | None = Field(default=None, description="of the last work on the joint while the alert was active")
     serviced_kind: str | None = Field(default=None, description="replaced, overhauled, greased, maintenance or joint_serials")
     serviced_by: str | None = None
@@ -242,7 +238,6 @@ class Health(Worded):
     nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
     production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
     ripple: list[JointRipple] = Field(default_factory=list, description="gear ripple of each joint: evidence, and no alert")
-    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class RemainingLife(Document):
@@ -261,7 +256,6 @@ class RemainingLife(Document):
     rate_per_day: Maybe = Field(default=None, description="wear rate now, a fraction per usual day, averaged over the paths")
     rate_std_per_day: Maybe = None
     assumption: str | None = Field(default=None, description="what the days assume, in words")
-    reasons: Reasons = Field(default_factory=dict, description="codes and parameters of its sentences, by key")
 
 
 class Friction(Document):

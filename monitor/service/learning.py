@@ -26,9 +26,9 @@ WITHOUT_WINDOWS_DAYS = 3.0  # an arm that is not heard, where the schedule names
 COUNTED = 1000  # newest windows of which the text counts how they ended
 HEARD = "arm_heard_at"  # name of the note with the time at which the arm was heard last, or was listened for first
 _NOTHING = "nothing was learnt of this arm for {days:.0f} days, since {since}; windows since then: {counts}"
-NOTHING_LEARNT = Sentence("nothing_learnt", _NOTHING)
-NOTHING_LEARNT_LAST = Sentence("nothing_learnt_last", _NOTHING + "; the last one: {last}")
-NOTHING_LEARNT_DUE = Sentence("nothing_learnt_due", _NOTHING + "; a replay is {due}")
+NOTHING_LEARNT = Sentence("learnt_nothing", _NOTHING)
+NOTHING_LEARNT_LAST = Sentence("learnt_nothing_last", _NOTHING + "; the last one: {last}")
+NOTHING_LEARNT_DUE = Sentence("learnt_nothing_due", _NOTHING + "; a replay is {due}")
 NOTE_EVERY_S = 600.0  # between two writes of that note
 TRIED_S = 60.0  # so long after the start an arm that answers has been heard
 

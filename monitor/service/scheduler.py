@@ -35,7 +35,7 @@ SERVED_BY_REQUEST = Sentence("window_served_by_request", "one replay serves this
 DISK_FAILS = Sentence("disk_fails", "disk: {folder}: {error}")
 DISK_READ_ONLY = Sentence("disk_read_only", "disk: {folder} can only be read")
 DISK_FULL = Sentence("disk_full", "disk: {free_mb:.0f} MB are free in {folder}; {least_mb:.0f} MB are wanted before an arm moves")
-FAULT = Sentence("fault", "{error}: {text}")
+FAULT = Sentence("schedule_fault", "{error}: {text}")
 CLOCK_NEVER_SET = Sentence("clock_never_set", "the clock says {at}; nothing is replayed before it has been set right")
 CLOCK_SET_FORWARD = Sentence(
     "clock_set_forward", "the clock was set forward by {days:.1f} days; nothing is replayed for an hour, then it is believed"

@@ -166,7 +166,7 @@ def test_a_check_is_recorded_on_the_bus_and_everybody_hears_of_it(cell, client):
     settings = InspectionSettings(plan="universal-robots")
     daemon.state.use(dataclasses.replace(daemon.state.configuration, inspection=settings))
     answer = client.inspected(InspectedRequest(item="flat rings", by="Ada", why="as new"))
-    assert answer.inspection["state"] == "done"
+    assert answer.inspection.state == "done"
     [message] = client.get("inspection")
     jsonschema.validate(message.document, schema("inspection"))
     assert [item["last_by"] for item in message.document["items"] if item["name"] == "flat rings"] == ["Ada"]
