@@ -23,8 +23,6 @@ Maybe = FiniteFloat | None
 Rows = list[Number] | list[list[Number]]
 
 
-
-
 class Document(BaseModel):
     """What is published: unknown fields come from a newer monitor, and are kept."""
 

@@ -6,6 +6,7 @@ import sqlalchemy as sa
 from monitor.errors import BadInput, BusError
 from monitor.plant.database import Database
 from monitor.plant.tables import arm, friction, history, transition
+from monitor.publish.documents import Document, encoded
 
 BEGIN_UNIX_S = 1_767_571_200.0  # 2026-01-05
 ALERT = {
@@ -27,7 +28,8 @@ class Way:
         name = selector.rsplit("/", 1)[-1]
         if name not in self.answers:
             raise BusError("no answer")
-        return orjson.dumps(self.answers[name](dict(part.partition("=")[::2] for part in parameters.split(";"))))
+        answer = self.answers[name](dict(part.partition("=")[::2] for part in parameters.split(";")))
+        return encoded(answer) if isinstance(answer, Document) else orjson.dumps(answer)
 
 
 def refusing(text):

@@ -16,6 +16,7 @@ from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 from published import raw
 
 from monitor.errors import BadConfiguration, BadInput, BusError
+from monitor.publish.documents import as_json
 from monitor.publish.registry import KINDS
 from monitor.views.web.app import COMMANDS, STATIC
 from monitor.views.web.page_content import columns, thinned
@@ -120,7 +121,7 @@ def test_the_stream_sends_the_values_of_the_bus(served):
         key, _, document = stream.readline()[6:].partition(b" ")
         return json.loads(key), json.loads(document)
 
-    last = daemon.bus.last_values()
+    last = {key: as_json(document) for key, document in daemon.bus.last_values().items()}
     shown = dict(next_value() for _ in last)
     said = shown["alert/j3/wear_rising"].pop("said")
     assert said["headline"] == "Elbow turns 22\u00a0% heavier than on 1 June."

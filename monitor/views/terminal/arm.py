@@ -280,7 +280,7 @@ def monitor_lines(document: dict[str, Any]) -> str:
     lines += [f"  since {problem['since']} {problem['name']}: {problem['text']}" for problem in document["troubles"]]
     if document.get("reload"):
         reload = document["reload"]
-        lines.append(f"  configuration {'reloaded' if reload['done'] else 'NOT reloaded'} at {reload['at']}: {reload['told']}")
+        lines.append(f"  configuration {'reloaded' if reload['done'] else 'NOT reloaded'} at {reload['at']}: {reload['text']}")
     return "\n".join(lines)
 
 
