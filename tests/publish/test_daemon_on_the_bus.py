@@ -22,7 +22,7 @@ from monitor.config.load import from_document
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert
 from monitor.publish.client import Client
-from monitor.publish.documents import TorqueLive, as_json
+from monitor.publish.documents import Document, TorqueLive, as_json
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
@@ -379,7 +379,12 @@ def test_live_torque_comes_at_the_configured_rate(cell, monkeypatch):
     for rate_hz, asked_hz in ((10.0, 10.0), (2.0, 10.0), (0.4, 1.0)):
         daemon.state.configuration = replace(configuration, bus=replace(configuration.bus, live_rate_hz=rate_hz))
         samples: list[TorqueLive] = []
-        monkeypatch.setattr(daemon.publisher, "say", lambda each, **_: samples.append(each) if isinstance(each, TorqueLive) else None)
+
+        def said(each: Document, *, samples: list[TorqueLive] = samples, done: object = None) -> None:
+            if isinstance(each, TorqueLive):
+                samples.append(each)
+
+        monkeypatch.setattr(daemon.publisher, "say", said)
         daemon.state.stopping.clear()
         threading.Timer(2.0, daemon.state.stopping.set).start()
         began = time.monotonic()

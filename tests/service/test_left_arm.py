@@ -17,7 +17,7 @@ from monitor.acquire.watch import Caller
 from monitor.cli.main import app
 from monitor.config.load import load
 from monitor.config.schema import Configuration
-from monitor.errors import MotionRefused, ReplayAborted
+from monitor.errors import DOES_NOT_HOLD, MotionRefused, ReplayAborted
 from monitor.service.left_arm import MOST_FAILED, away
 from monitor.service.motion import check_conditions, move
 from monitor.store.store import Store
@@ -176,15 +176,16 @@ def test_windows_that_are_refused_because_the_arm_stands_elsewhere_are_a_problem
     """Without a stop, as where somebody jogged the arm away. It ends with the next window that moves or is refused for another reason."""
     with Store.open(configuration.state_directory) as store:
         for hour, reason, windows in (
-            (0, "approach_near: jog it", 1),
-            (1, "approach_clear: a wall", 2),
-            (2, "no_other_program: one plays", 0),
+            (0, DOES_NOT_HOLD(condition="approach_near", why="jog it"), 1),
+            (1, DOES_NOT_HOLD(condition="approach_clear", why="a wall"), 2),
+            (2, DOES_NOT_HOLD(condition="no_other_program", why="one plays"), 0),
         ):
             ledger_id = store.ledger.claim(3600.0 * hour, "scheduled", 3600.0 * hour)
             store.ledger.end(ledger_id, "skipped", reason, 3600.0 * hour)
-            text = away(store)
-            assert (text is not None) == (windows > 0)
-            if text is not None:
+            problem = away(store)
+            assert (problem is not None) == (windows > 0)
+            if problem is not None:
+                text = problem.text
                 assert "since 1970-01-01T00:00:00Z" in text
                 assert reason in text
                 assert (f"each of {windows} windows" in text) == (windows > 1)

@@ -9,14 +9,18 @@ from test_backups_and_retention import configuration, lived, recordings  # noqa:
 
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.publish.documents import Event, Health
+from monitor.publish.documents import Health
 from monitor.publish.queries import AckRequest
+from monitor.reason import Reason
 from monitor.recording import DAY_S
 from monitor.service.daemon import Daemon
 from monitor.service.history.assess_and_store import load_state
 from monitor.service.history.recompute import recompute
 from monitor.service.history.status import status_document
 from monitor.service.learning import ArmHeard, late_at
+from monitor.service.publisher import event_document
+from monitor.service.replay import UNREACHABLE
+from monitor.service.scheduler import DISK_FULL, MISSED
 from monitor.store.store import Store
 
 NOON = 1.0e9  # 2001-09-09 01:46 UTC, as `lived` has it
@@ -33,7 +37,7 @@ class Cell:
         self.monotonic = 0.0
         self.daemon.heard = ArmHeard(store, lambda: self.now, lambda: self.monotonic)
 
-    def skip(self, reason: str, days: int) -> None:
+    def skip(self, reason: str | Reason, days: int) -> None:
         """As many daily windows, each skipped for that reason."""
         for _ in range(days):
             self.store.ledger.end(self.store.ledger.claim(self.now, "scheduled", self.now), "skipped", reason, self.now)
@@ -91,7 +95,7 @@ def test_thirty_five_days_without_a_verdict_are_no_green_normal(cell: Cell, reco
     learnt(cell, recordings)
     assert cell.look() == {}
     assert cell.health().state == "NORMAL"
-    cell.skip("missed: the monitor or its host was not running, or had another replay under way", 35)
+    cell.skip(MISSED(), 35)
     assert set(cell.look()) == {"stale"}
     assert "Nothing was learnt of this arm since 2001-" in cell.look()["stale"]
     health = cell.health()
@@ -108,7 +112,7 @@ def test_thirty_five_days_without_a_verdict_are_no_green_normal(cell: Cell, reco
 def test_a_stale_alert_clears_once_it_is_acknowledged_and_something_was_learnt_and_in_no_other_order(cell: Cell, recordings):  # noqa: F811
     """Acknowledged alone it stays; over alone it says so and stays; then it clears, and the arm is NORMAL again."""
     learnt(cell, recordings)
-    cell.skip("missed: x", 9)
+    cell.skip(MISSED(), 9)
     cell.look()
     cell.acknowledge("stale")
     assert "stale" in cell.look()
@@ -134,14 +138,8 @@ def test_a_stop_is_an_alert_at_once_and_allowing_motion_clears_it_with_name_and_
     cell.store.stops.allow("Grace", "looked at it", cell.now)
     assert cell.look() == {}
     assert cell.kinds("stopped") == ["raised", "cleared"]
-    last = Event.model_validate(cell.daemon.bus.last_values().get("event") or {**cell.store.events.rows()[-1].document} | _times(cell))
+    last = event_document(cell.store.events.rows()[-1])
     assert (last.acknowledged_by, last.acknowledged_why) == ("Grace", "looked at it")
-
-
-def _times(cell: Cell) -> dict:
-    from monitor.service.publisher import event_document
-
-    return event_document(cell.store.events.rows()[-1])
 
 
 def test_an_early_alert_survives_a_restart_and_the_first_verdict(tmp_path: Path, recordings):  # noqa: F811
@@ -183,7 +181,9 @@ def test_endless_refusals_are_stopped_with_their_reason_and_since_when(cell: Cel
     assert cell.kinds("stopped") == ["raised", "updated", "acknowledged", "cleared"]
 
 
-@pytest.mark.parametrize("reason", ["missed: the monitor was not running", "disk: 3 MB are free", "10.0.0.7: no dashboard on port 29999"])
+@pytest.mark.parametrize(
+    "reason", [MISSED(), DISK_FULL(free_mb=3.0, folder="/x", least_mb=500.0), UNREACHABLE(why="10.0.0.7: no dashboard on port 29999")]
+)
 def test_what_is_no_refusal_of_the_arm_is_not_stopped(cell: Cell, reason: str):
     """It is `stale` after a while, and `unheard` where the arm does not answer."""
     cell.skip(reason, 9)
