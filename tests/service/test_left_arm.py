@@ -187,7 +187,7 @@ def test_windows_that_are_refused_because_the_arm_stands_elsewhere_are_a_problem
             if problem is not None:
                 text = problem.text
                 assert "since 1970-01-01T00:00:00Z" in text
-                assert reason in text
+                assert reason.text in text
                 assert (f"each of {windows} windows" in text) == (windows > 1)
 
 
