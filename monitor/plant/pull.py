@@ -1,4 +1,4 @@
-"""Copying one arm's history: pages by cursor from the arm, into the database. I/O."""
+"""Copying arms' histories: pages by cursor from the arm into the database, in threads side by side, each arm once at a time. I/O."""
 
 import itertools
 import logging

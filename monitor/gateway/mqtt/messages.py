@@ -1,4 +1,4 @@
-"""Topics of arms and their names in Home Assistant. Any name of a site or a robot has a topic of its own. No I/O, no clock.
+"""Topics, retained messages and Home Assistant's discovery of arms. Any name of a site or a robot has a topic of its own. Pure.
 
 A level of a topic may be any text without `/`, `+`, `#` and NUL; a name in Home Assistant holds only a–z, A–Z, 0–9, `_` and `-`.
 """

@@ -1,4 +1,4 @@
-"""The nodes of an arm: what OPC 40010-1, DI and Machinery ask for, and the condition of each joint. No I/O, no clock.
+"""The nodes of an arm by OPC 40010-1, DI and Machinery, with the condition of each joint, and what they say. No I/O, no clock.
 
 An id is `s=KIND/SITE/ROBOT/…` in our own namespace, so it stays the same over restarts. Type numbers are those of the nodesets. Mandatory
 members that nobody here knows exist, and say `BadNotSupported`.

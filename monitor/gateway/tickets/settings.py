@@ -1,4 +1,4 @@
-"""Requests from templates: places in braces, in values and addresses; the number in an answer by a JSON pointer. Pure."""
+"""The section [tickets], and requests from its templates: places in braces, in values and addresses; JSON pointers. Pure."""
 
 import re
 from collections.abc import Iterator, Mapping

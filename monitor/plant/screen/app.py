@@ -1,4 +1,4 @@
-"""The screen's addresses: the list of all arms, sign-in, the audit, and below /arms/SITE/ROBOT/ the page of each arm."""
+"""The screen and its server: the list of all arms, sign-in, the audit, and below /arms/SITE/ROBOT/ the page of each arm."""
 
 import asyncio
 import json
