@@ -13,11 +13,13 @@ from monitor.identify.fit.covariance import Causes
 from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Felt, Rows
+from monitor.identify.gain_check import GAIN_DOUBTFUL
 from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.order import median
-from monitor.identify.warnings import MOVING_SHARE, DataWarning, moving_share
+from monitor.identify.warnings import MOVING_SHARE, moving_share
 from monitor.model.friction import smooth_sign
 from monitor.model.robot import Robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Mask
 
 POOR = 0.15  # of the torque's RMS: the residual of real arms in motion is 2–9 % of it
@@ -42,6 +44,41 @@ REFERENCE_RAD_S = 0.4  # at which friction is compared: every joint in motion re
 # turns of a motor, by those of another joint
 COUPLINGS = tuple(sign * quarter / 4.0 for quarter in range(1, 9) for sign in (1.0, -1.0))
 
+POOR_FIT = Sentence("poor_fit", "joint {joint}: the model misses {share:.0%} of the torque, on a sound recording below 10 %{also}")
+COUPLED = Sentence(
+    "coupled_friction",
+    "; friction at the speed of joint {joint} {share:+.2g} × that of joint {other} explains most of it: coupled axes; "
+    "expected the arm with its coupling, by --robot arm.toml or the transmissions of --urdf",
+)
+BY_OTHER_JOINT = Sentence("by_other_joint", "; the motion of joint {other} explains most of it: coupled axes, or exchanged columns")
+TORQUE_DELAYED = Sentence(
+    "torque_delayed",
+    "current or torque of {joints:word} comes about {late_ms:.0f} ms {order:word} than the motion: "
+    "this looks like viscous friction, and fv is not to be trusted",
+)
+TORQUE_SMOOTHED = Sentence(
+    "torque_smoothed",
+    "only {share:.0%} of what current or torque would change faster than {quick_hz:g} Hz is there: it was smoothed, "
+    "and friction comes out too small",
+)
+TORQUE_DRIFTS = Sentence(
+    "torque_drifts",
+    "current or torque {change:word} by {share:.0%} beside the motion, from beginning to end: no friction does this in all joints at once",
+)
+TORQUE_OFFSET = Sentence(
+    "torque_offset", "joint {joint}: current or torque has an offset of about {offset_nm:+.3g} N·m, which looks like weight"
+)
+FRICTION_SIZE = Sentence(
+    "friction_size",
+    "joint {joint}: friction of {friction_nm:.3g} N·m is {share:.2%} of the {most_nm:g} N·m that the joint can give: "
+    "joint gains, or the unit of current or torque, are wrong",
+)
+WEIGHT_SIZE = Sentence(
+    "weight_size",
+    "joint {joint}: the arm seems to weigh {ratio:.2g} times what the manufacturer says: "
+    "joint gains, their sign, or the robot's model are wrong",
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Traces:
@@ -55,7 +92,7 @@ class _Traces:
 
 def diagnose(
     problem: FitProblem, found: Fit, causes: Causes, robot: Robot, *, nominal: Array, friction_nm: Array, relative_rms: Array
-) -> Iterator[DataWarning]:
+) -> Iterator[Reason]:
     """Warnings about fits that are poor, and about causes that bend friction without a large residual.
 
     causes : of the fit. nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s.
@@ -72,21 +109,16 @@ def diagnose(
     yield from _gains(problem, robot, nominal, found.solution.values[: len(problem.prior)], friction_nm)
     relative_rms = np.where(seen, relative_rms, np.nan)
     for j in np.flatnonzero(relative_rms > POOR):
-        also = ""
+        also: Reason | str = ""
         if (coupled := _coupled(problem, found, int(j))) is not None:
             other, share = coupled
-            also = (
-                f"; friction at the speed of joint {j + 1} {share:+.2g} × that of joint {other + 1} explains most of it: coupled axes; "
-                "expected the arm with its coupling, by --robot arm.toml or the transmissions of --urdf"
-            )
+            also = COUPLED(joint=j + 1, share=share, other=other + 1)
         elif (cause := _explained_by(found, int(j), len(relative_rms))) is not None:
-            also = f"; the motion of joint {cause + 1} explains most of it: coupled axes, or exchanged columns"
-        yield DataWarning(
-            "poor_fit", f"joint {j + 1}: the model misses {relative_rms[j]:.0%} of the torque, on a sound recording below 10 %{also}"
-        )
+            also = BY_OTHER_JOINT(other=cause + 1)
+        yield POOR_FIT(joint=j + 1, share=relative_rms[j], also=also)
 
 
-def _late(traces: _Traces, seen: Mask) -> Iterator[DataWarning]:
+def _late(traces: _Traces, seen: Mask) -> Iterator[Reason]:
     if not seen.any():
         return
     late, std = traces.late_s, traces.late_std_s
@@ -102,12 +134,7 @@ def _late(traces: _Traces, seen: Mask) -> Iterator[DataWarning]:
         if not len(beyond):
             return
         joints, size = f"joint{'s' if len(beyond) > 1 else ''} {', '.join(str(j + 1) for j in beyond)}", float(late[beyond[0]])
-    order = "later" if size > 0.0 else "earlier"
-    yield DataWarning(
-        "torque_delayed",
-        f"current or torque of {joints} comes about {1e3 * abs(size):.0f} ms {order} than the motion: "
-        f"this looks like viscous friction, and fv is not to be trusted",
-    )
+    yield TORQUE_DELAYED(joints=joints, late_ms=1e3 * abs(size), order="later" if size > 0.0 else "earlier")
 
 
 def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _Traces:
@@ -134,7 +161,7 @@ def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _T
     return replace(traces, late_s=late, late_std_s=std)
 
 
-def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[DataWarning]:
+def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[Reason]:
     """Torque that was smoothed, or whose size drifts, in the joints that the model describes `well` (J,).
 
     The torque of the fit is compared with the measured one above `QUICK_HZ`, and between the beginning and the end of each recording.
@@ -152,30 +179,19 @@ def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[
         drift, drifted = drift + np.sum(aged * (measured - fitted), axis=0), drifted + np.sum(aged**2, axis=0)
     shown = well & (quick > QUICK_SHARE**2 * size)
     if np.sum(shown) >= 0.5 * len(well) and (left := median(both[shown] / quick[shown])) < SMOOTHED:
-        yield DataWarning(
-            "torque_smoothed",
-            f"only {max(left, 0.0):.0%} of what current or torque would change faster than {QUICK_HZ:g} Hz is there: it was smoothed, "
-            "and friction comes out too small",
-        )
+        yield TORQUE_SMOOTHED(share=max(left, 0.0), quick_hz=QUICK_HZ)
     grown = median(drift[well] / np.maximum(drifted[well], 1e-300))
     if abs(grown) > DRIFTS:
-        yield DataWarning(
-            "torque_drifts",
-            f"current or torque {'grows' if grown > 0.0 else 'falls'} by {abs(grown):.0%} beside the motion, from beginning to end: "
-            "no friction does this in all joints at once",
-        )
+        yield TORQUE_DRIFTS(change="grows" if grown > 0.0 else "falls", share=abs(grown))
 
 
-def _offsets(traces: _Traces, friction_nm: Array) -> Iterator[DataWarning]:
+def _offsets(traces: _Traces, friction_nm: Array) -> Iterator[Reason]:
     sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(friction_nm))
     for j in np.flatnonzero(sure):
-        yield DataWarning(
-            "torque_offset",
-            f"joint {j + 1}: current or torque has an offset of about {traces.offset_nm[j]:+.3g} N·m, which looks like weight",
-        )
+        yield TORQUE_OFFSET(joint=j + 1, offset_nm=traces.offset_nm[j])
 
 
-def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, friction_nm: Array) -> Iterator[DataWarning]:
+def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, friction_nm: Array) -> Iterator[Reason]:
     """Friction or weight of a size that the joint cannot have."""
     weight = [0.0] * robot.joints, [0.0] * robot.joints, [0.0] * robot.joints
     for eq in problem.equations:
@@ -191,13 +207,11 @@ def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, fri
         if not (np.isfinite(most) and np.isfinite(share)):
             continue
         if not least < share < largest:
-            text = f"joint {j + 1}: friction of {friction_nm[j]:.3g} N·m is {share:.2%} of the {most:g} N·m that the joint can give"
-            yield DataWarning("gain_doubtful", f"{text}: joint gains, or the unit of current or torque, are wrong")
+            yield GAIN_DOUBTFUL(why=FRICTION_SIZE(joint=j + 1, friction_nm=friction_nm[j], share=share, most_nm=most))
         elif np.sqrt(own[j]) > HEAVY * most and abs(cross[j]) > ALIKE * np.sqrt(own[j] * theirs[j]):
             ratio = float(cross[j] / own[j])
             if not WEIGHT_RATIO[0] < ratio < WEIGHT_RATIO[1]:
-                text = f"joint {j + 1}: the arm seems to weigh {ratio:.2g} times what the manufacturer says"
-                yield DataWarning("gain_doubtful", f"{text}: joint gains, their sign, or the robot's model are wrong")
+                yield GAIN_DOUBTFUL(why=WEIGHT_SIZE(joint=j + 1, ratio=ratio))
 
 
 def _traces(problem: FitProblem, causes: Causes, found: Fit) -> _Traces:

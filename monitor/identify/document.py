@@ -87,7 +87,7 @@ def document(identification: Identification, validations: Sequence[Validation] =
         ],
         **({} if found.ripple is None else {"ripple": _ripple(found.ripple)}),
         **({} if found.physical is None else {"physical": physical_document(found.physical)}),
-        "warnings": [{"code": warning.code, "text": warning.text} for warning in found.warnings],
+        "warnings": [warning.document() for warning in found.warnings],
     }
 
 
@@ -219,7 +219,7 @@ def payload_document(payload: Payload) -> dict[str, Any]:
         "rms_nm": _numbers(payload.rms_nm),
         "relative_rms": _numbers(payload.relative_rms),
         "samples": payload.samples,
-        "warnings": [{"code": warning.code, "text": warning.text} for warning in payload.warnings],
+        "warnings": [warning.document() for warning in payload.warnings],
     }
 
 

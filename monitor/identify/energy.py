@@ -69,5 +69,5 @@ def energy_along(
         "duration_s": float(path.t_s[-1] - path.t_s[0]),
         "payload_kg": mass_kg,
         **energy_document(robot, path.t_s, energies, speed, regions, mass_kg),
-        "warnings": [{"code": warning.code, "text": warning.text} for warning in found.warnings],
+        "warnings": [warning.document() for warning in found.warnings],
     }

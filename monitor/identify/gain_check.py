@@ -15,10 +15,10 @@ import numpy as np
 from monitor.identify.fit.covariance import Causes
 from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base
 from monitor.model.regressor import felt_columns, felt_weight
 from monitor.model.robot import PER_JOINT, Mounting, Robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Indices
 
 SURE = 5.0  # standard deviations
@@ -32,6 +32,20 @@ ROWS = 100  # places of all recordings together at which the weight is taken
 FIRST_MOMENTS = 4  # m, mx, my, mz: what gravity feels of a payload
 
 
+GAIN_DOUBTFUL = Sentence("gain_doubtful", "{why}")
+OTHER_WEIGHT = Sentence(
+    "other_weight",
+    "joints {joints}: the arm's own links seem to weigh {factor:.3g} ± {std:.2g} times what the manufacturer says, "
+    "whatever the arm carries: the gains of all joints, or the robot's model, are wrong",
+)
+OTHERS_DISAGREE = Sentence(
+    "others_disagree",
+    "joint {joint}: current or torque is {factor:.3g} ± {std:.2g} times what the other joints say of "
+    "the links that they move as well{instead}: the joint's gain is wrong",
+)
+OR_THAT_OF = Sentence("or_that_of", "; or that of joint {joint} is {factor:.3g} ± {std:.2g} times")
+
+
 class GainDoubt(NamedTuple):
     """How far each joint's torque contradicts the parameters that the other joints ask for, (J,) each; one joint at a time."""
 
@@ -40,7 +54,7 @@ class GainDoubt(NamedTuple):
     explained: Array  # square of the residual that goes with it
 
 
-def gain_warnings(problem: FitProblem, found: Fit, causes: Causes, robot: Robot, mounting: Mounting, base: Base) -> Iterator[DataWarning]:
+def gain_warnings(problem: FitProblem, found: Fit, causes: Causes, robot: Robot, mounting: Mounting, base: Base) -> Iterator[Reason]:
     """Warnings about gains, for recordings whose fit is otherwise sound."""
     if problem.layout.frozen:
         return
@@ -55,24 +69,16 @@ def gain_warnings(problem: FitProblem, found: Fit, causes: Causes, robot: Robot,
             return
     scale = arm_scale(problem, found, weighed)
     if scale is not None and abs(math.log(scale.factor)) > math.log(ALIKE) and abs(scale.factor - 1.0) > SURE * scale.std:
-        joints = ", ".join(str(j + 1) for j in scale.joints)
-        yield DataWarning(
-            "gain_doubtful",
-            f"joints {joints}: the arm's own links seem to weigh {scale.factor:.3g} ± {scale.std:.2g} times what the manufacturer says, "
-            "whatever the arm carries: the gains of all joints, or the robot's model, are wrong",
-        )
+        yield GAIN_DOUBTFUL(why=OTHER_WEIGHT(joints=[j + 1 for j in scale.joints], factor=scale.factor, std=scale.std))
 
 
-def _of_one_joint(doubt: GainDoubt, told: list[int]) -> DataWarning:
+def _of_one_joint(doubt: GainDoubt, told: list[int]) -> Reason:
     """The joint whose gain explains most of the contradiction, and those that explain about as much."""
     worst = max(told, key=lambda j: float(doubt.explained[j]))
     others = [j for j in told if j != worst and doubt.explained[j] > AS_WELL * doubt.explained[worst]]
-    instead = "".join(f"; or that of joint {j + 1} is {1.0 + doubt.off[j]:.3g} ± {doubt.std[j]:.2g} times" for j in others)
-    return DataWarning(
-        "gain_doubtful",
-        f"joint {worst + 1}: current or torque is {1.0 + doubt.off[worst]:.3g} ± {doubt.std[worst]:.2g} times what the other joints say of "
-        f"the links that they move as well{instead}: the joint's gain is wrong",
-    )
+    instead = [OR_THAT_OF(joint=j + 1, factor=1.0 + doubt.off[j], std=doubt.std[j]) for j in others]
+    found = {"joint": worst + 1, "factor": 1.0 + doubt.off[worst], "std": doubt.std[worst]}
+    return GAIN_DOUBTFUL(why=OTHERS_DISAGREE(**found, instead=instead))
 
 
 def gain_doubt(problem: FitProblem, causes: Causes) -> GainDoubt | None:

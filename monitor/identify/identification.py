@@ -9,9 +9,9 @@ from annotated_types import Interval
 
 from monitor.identify.signals.motion import SignalSettings
 from monitor.identify.signals.ripple import Ripple
-from monitor.identify.warnings import DataWarning
 from monitor.model.friction import PAPER, STANDSTILL_SPEED_RAD_S, FrictionLaw
 from monitor.model.robot import Mounting
+from monitor.reason import Reason
 from monitor.recording import Array
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Identification:
     rms_all_nm: Array  # (J,) over all samples
     normalised_error_nm: float  # e_N = √(eᵀe)/N, Raviola et al. (2021)
     samples: int
-    warnings: tuple[DataWarning, ...] = ()
+    warnings: tuple[Reason, ...] = ()
     sources: tuple[Source, ...] = ()
     friction: FrictionFit | None = None  # None: the law is the paper's, with fc and fv alone
     total_covariance: Array | None = None  # (B, B) for another motion: with misfit, and with the error of masses that the law causes

@@ -21,10 +21,10 @@ from monitor.identify.signals.ripple import combined, gear_ripple
 from monitor.identify.signals.rows import along_samples
 from monitor.identify.signals.same_motion import motions_of
 from monitor.identify.validate import errors_of, residual_peak
-from monitor.identify.warnings import DataWarning
 from monitor.model.base import Base, base_parameters
 from monitor.model.friction import AUTO, PAPER, friction_law, residual_law
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import Reason
 from monitor.recording import Array, Mask, Recording
 
 METHODS = ("ls", "wls", "robust", "consistent")
@@ -99,7 +99,7 @@ def identify_motions(
     robot: Robot,
     mounting: Mounting,
     options: IdentifyOptions | None = None,
-    warnings: Sequence[DataWarning] = (),
+    warnings: Sequence[Reason] = (),
 ) -> Identification:
     """`identify` from prepared signals on.
 

@@ -18,12 +18,12 @@ import scipy
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import FELT, one_above_the_other, reduced, scattered, triangle
 from monitor.identify.signals.motion import Motion
-from monitor.identify.warnings import DataWarning
 from monitor.model.base import base_parameters
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.identifiable import mounting_with_up
 from monitor.model.regressor import Felt, felt_columns, felt_under, felt_weight
 from monitor.model.robot import PER_JOINT, Mounting, Robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Mask
 
 CONTRADICTION_DEG = 2.0  # floors and brackets are off by less; on real recordings the estimate is right to 0.3°
@@ -60,7 +60,17 @@ class Upward:
         return mounting_with_up(self.up)
 
 
-def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> DataWarning | None:
+CONTRADICTION = Sentence(
+    "mounting_contradiction",
+    "gravity in the data is {angle_deg:.0f} ± {std_deg:.2g}° from where the mounting {mounting} puts it: "
+    "likely is {likely}{sign}{offset}; rotation about the vertical (yaw) never shows in torques",
+)
+UP_BY_MASSES = Sentence("up_by_masses", "; up is told from down by the manufacturer's masses, not by these data")
+UP_OPEN = Sentence("up_open", "; up and down stay open: the opposite direction explains the data as well")
+OFFSET_AS_WELL = Sentence("offset_as_well", "; an offset of a joint's current or torque would explain it as well")
+
+
+def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Reason | None:
     """The warning `mounting_contradiction` where gravity in the data has another direction than the mounting gives it, else None.
 
     torques : (N, J) [N·m] of each motion.
@@ -70,19 +80,18 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
     found = upward(motions, torques, robot, mounting)
     if not found.contradicts or not math.degrees(found.std_rad) < VAGUE_DEG:
         return None
-    offset = ""
+    offset: Reason | str = ""
     if not upward(motions, torques, robot, mounting, offsets=True).contradicts:
-        offset = "; an offset of a joint's current or torque would explain it as well"
+        offset = OFFSET_AS_WELL()
     angle_deg, std_deg = math.degrees(found.angle_rad), math.degrees(found.std_rad)
-    sign = {
-        "inertia": "",
-        "masses": "; up is told from down by the manufacturer's masses, not by these data",
-        "open": "; up and down stay open: the opposite direction explains the data as well",
-    }[found.sign_by]
-    return DataWarning(
-        "mounting_contradiction",
-        f"gravity in the data is {angle_deg:.0f} ± {max(std_deg, 0.1):.2g}° from where the mounting {_called(mounting)} puts it: "
-        f"likely is {_likely(found.up)}{sign}{offset}; rotation about the vertical (yaw) never shows in torques",
+    sign = {"inertia": "", "masses": UP_BY_MASSES(), "open": UP_OPEN()}[found.sign_by]
+    return CONTRADICTION(
+        angle_deg=angle_deg,
+        std_deg=max(std_deg, 0.1),
+        mounting=_called(mounting),
+        likely=_likely(found.up),
+        sign=sign,
+        offset=offset,
     )
 
 

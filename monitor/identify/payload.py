@@ -16,14 +16,21 @@ from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.identification import Identification, IdentifySettings
 from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
-from monitor.identify.warnings import DataWarning
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Recording
 
 SIGNIFICANT_STD = 3.0  # standard deviations from 0 at which a mass is certain
 ROUNDS = 4  # payload → load → friction → payload; each round gains more than a digit
 NAMES = ("m", "mx", "my", "mz", "Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")  # of the parameters, in the last DH frame
+
+UNPHYSICAL_PAYLOAD = Sentence(
+    "unphysical_payload",
+    "the payload comes out at {mass_kg:.3g} ± {mass_std_kg:.2g} kg: the arm was heavier when it was identified, "
+    "or gains, mounting or robot are others",
+)
+NO_PAYLOAD = Sentence("no_payload", "no payload shows: {mass_kg:.3g} ± {mass_std_kg:.2g} kg; its centre means nothing")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,14 +65,13 @@ class Payload:
         return self.mass_kg > SIGNIFICANT_STD * self.mass_std_kg
 
     @property
-    def warnings(self) -> tuple[DataWarning, ...]:
+    def warnings(self) -> tuple[Reason, ...]:
         """What the reader of the result must know."""
-        mass = f"{self.mass_kg:.3g} ± {self.mass_std_kg:.2g} kg"
+        mass = {"mass_kg": self.mass_kg, "mass_std_kg": self.mass_std_kg}
         if self.mass_kg < -SIGNIFICANT_STD * self.mass_std_kg:
-            text = f"the payload comes out at {mass}: the arm was heavier when it was identified, or gains, mounting or robot are others"
-            return (DataWarning("unphysical_payload", text),)
+            return (UNPHYSICAL_PAYLOAD(**mass),)
         if not self.significant:
-            return (DataWarning("no_payload", f"no payload shows: {mass}; its centre means nothing"),)
+            return (NO_PAYLOAD(**mass),)
         return ()
 
 

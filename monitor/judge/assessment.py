@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from monitor.identify.identification import Identification
-from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import Health, Transition, alert_document
 from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life_of_joint
 from monitor.judge.belief import Belief
@@ -21,6 +20,7 @@ from monitor.judge.drift.single_replay import single_torque_nm
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.model import CompensatedModel, build_model
+from monitor.reason import Reason
 from monitor.recording import known_or_none
 
 LAW_POINTS = 9  # points of the published temperature law, over the learned range
@@ -96,7 +96,7 @@ class Assessment:
     belief: Belief
     health: Health
     transitions: tuple[Transition, ...]
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Reason, ...]
     maintenance: tuple[Maintenance, ...]  # on joints: those that this replay's context declares first, and those that this replay judges
     drift: DriftSettings
     laws: TemperatureSettings

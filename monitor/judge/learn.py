@@ -8,7 +8,6 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import (
@@ -39,7 +38,7 @@ from monitor.judge.drift.undeclared import (
 )
 from monitor.judge.maintenance import begin_maintenance, with_outcomes
 from monitor.judge.temperature.laws import TemperatureSettings
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, FOREIGN_MOTION, Context
 
 WARMING_FAST_K_PER_MIN = 0.5  # as a cold UR5 does in the first quarter of an hour of work
@@ -50,7 +49,7 @@ class LearnResult(NamedTuple):
     """The belief after a replay, and the warnings that a reader of it needs."""
 
     belief: Belief
-    warnings: tuple[DataWarning, ...]
+    warnings: tuple[Reason, ...]
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE
     maintenance: tuple[
         Maintenance, ...
@@ -264,17 +263,38 @@ def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
     )
 
 
-def _warnings(belief: Belief, result: StepResult, change: ContextChange, undeclared: UndeclaredChange) -> list[DataWarning]:
+TEMPERATURE_STUCK = Sentence(
+    "temperature_stuck", "joints {joints}: the temperature sensor stands still while the other joints warm and cool: not believed"
+)
+CONTEXT_CHANGED = Sentence("context_changed", "{what}")
+TEMPERATURE_UNKNOWN = Sentence(
+    "temperature_unknown", "joints {joints}: no temperature: the replay is learnt with more doubt and counts for no alert"
+)
+WARMING_FAST = Sentence(
+    "warming_fast", "joints {joints}: warming or cooling faster than {limit_k_per_min:g} K/min: the grease lags behind the sensor"
+)
+OUTLIER_REPLAY = Sentence("outlier", "{joint:joint}: {change:+z.1%} from the expected friction, {sigmas:.1f} σ: not learnt from")
+STEP_FOUND = Sentence("step", "{what}")
+STEP_TOGETHER = Sentence(
+    "step_together", "joints {joints}: the last replays are best explained by a change of most joints together: it is no wear"
+)
+STEP_OF_JOINT = Sentence(
+    "step_of_joint",
+    "{joint:joint}: {replays:.0f} replays are best explained by a change of the joint: friction is now {change:+z.1%} from the beginning",
+)
+JOINT_UNSEEN = Sentence("joint_unseen", "joints {joints}: friction at {speed_rad_s:g} rad/s is not resolved in this replay")
+FILTER_INCONSISTENT = Sentence("filter_inconsistent", "joints {joints}: replays scatter more than the filter believes")
+
+
+def _warnings(belief: Belief, result: StepResult, change: ContextChange, undeclared: UndeclaredChange) -> list[Reason]:
     """The warnings of a replay, in the order of the step's stages."""
     warnings = []
     if result.stuck.any():
-        who = joint_numbers(result.stuck)
-        text = f"joints {who}: the temperature sensor stands still while the other joints warm and cool: not believed"
-        warnings.append(DataWarning("temperature_stuck", text))
+        warnings.append(TEMPERATURE_STUCK(joints=joint_numbers(result.stuck)))
     if change.differences:
-        warnings.append(DataWarning("context_changed", _change_text(change)))
+        warnings.append(CONTEXT_CHANGED(what=_change_text(change)))
     if undeclared.condition is not None:
-        warnings.append(DataWarning(undeclared.condition, undeclared.reason.text))
+        warnings.append(Reason(undeclared.condition, undeclared.reason.parameters, undeclared.reason.text))
     warnings += _temperature_warnings(result.observation)
     if not undeclared.withheld:
         warnings += _filter_warnings(belief)
@@ -293,48 +313,35 @@ def _change_text(change: ContextChange) -> str:
     return f"{'; '.join(change.differences)}: {then}"
 
 
-def _temperature_warnings(observation: Observation) -> list[DataWarning]:
+def _temperature_warnings(observation: Observation) -> list[Reason]:
     """Warnings of temperatures that are unknown or change fast."""
     warnings = []
     unknown = ~np.isfinite(observation.temperature_c)
     if unknown.any():
-        text = f"joints {joint_numbers(unknown)}: no temperature: the replay is learnt with more doubt and counts for no alert"
-        warnings.append(DataWarning("temperature_unknown", text))
+        warnings.append(TEMPERATURE_UNKNOWN(joints=joint_numbers(unknown)))
     fast = np.abs(np.nan_to_num(observation.warming_k_per_min)) > WARMING_FAST_K_PER_MIN
     if fast.any():
-        who, limit = joint_numbers(fast), WARMING_FAST_K_PER_MIN
-        text = f"joints {who}: warming or cooling faster than {limit:g} K/min: the grease lags behind the sensor"
-        warnings.append(DataWarning("warming_fast", text))
+        warnings.append(WARMING_FAST(joints=joint_numbers(fast), limit_k_per_min=WARMING_FAST_K_PER_MIN))
     return warnings
 
 
-def _filter_warnings(belief: Belief) -> list[DataWarning]:
+def _filter_warnings(belief: Belief) -> list[Reason]:
     """Warnings of what the filter made of the replay."""
     warnings = []
     state = belief.filter_state
     for j in np.flatnonzero(belief.event == OUTLIER):
-        text = (
-            f"{joint_text(int(j) + 1)}: {state.innovation[j]:+z.1%} from the expected friction, {abs(state.normalised[j]):.1f} σ: "
-            "not learnt from"
-        )
-        warnings.append(DataWarning("outlier", text))
+        warnings.append(OUTLIER_REPLAY(joint=j + 1, change=state.innovation[j], sigmas=abs(state.normalised[j])))
     together = (belief.event == STEP) & (state.agreeing <= 1.0)  # a change of the joint itself agrees with several replays
     if together.any():
-        text = f"joints {joint_numbers(together)}: the last replays are best explained by a change of most joints together: it is no wear"
-        warnings.append(DataWarning("step", text))
+        warnings.append(STEP_FOUND(what=STEP_TOGETHER(joints=joint_numbers(together))))
     for j in np.flatnonzero((belief.event == STEP) & ~together):
-        text = f"{joint_text(int(j) + 1)}: {state.agreeing[j]:.0f} replays are best explained by a change of the joint: "
-        text += f"friction is now {state.change[j]:+z.1%} from the beginning"
-        warnings.append(DataWarning("step", text))
+        warnings.append(STEP_FOUND(what=STEP_OF_JOINT(joint=j + 1, replays=state.agreeing[j], change=state.change[j])))
     unresolved = belief.event == UNRESOLVED
     if unresolved.any():
-        who, speed = joint_numbers(unresolved), belief.reference_speed_rad_s
-        text = f"joints {who}: friction at {speed:g} rad/s is not resolved in this replay"
-        warnings.append(DataWarning("joint_unseen", text))
+        warnings.append(JOINT_UNSEEN(joints=joint_numbers(unresolved), speed_rad_s=belief.reference_speed_rad_s))
     inconsistent = state.consistency > INCONSISTENT
     if inconsistent.any():
-        text = f"joints {joint_numbers(inconsistent)}: replays scatter more than the filter believes"
-        warnings.append(DataWarning("filter_inconsistent", text))
+        warnings.append(FILTER_INCONSISTENT(joints=joint_numbers(inconsistent)))
     return warnings
 
 

@@ -138,7 +138,7 @@ def _identified(request: Request) -> Outcome:
     )  # fmt: skip
     validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
     result = document(found, validations)
-    result["warnings"] += [{"code": warning.code, "text": warning.text} for warning in of_held_out(recordings, held_out)]
+    result["warnings"] += [warning.document() for warning in of_held_out(recordings, held_out)]
     if estimated is not None:
         result["gains"] = gains_document(estimated)
     if loaded:

@@ -56,7 +56,7 @@ DEGREES = 180.0 / np.pi
 def test_a_wrong_unit_is_recognised_corrected_and_reported(factors, texts):
     """The motion is that of the recording in SI units, to rounding, and each correction is a warning of its own."""
     right, found = motion(swing()), motion(scaled(swing(), **factors))
-    assert [repair.text for repair in found.repairs] == texts
+    assert [repair.parameters["what"] for repair in found.repairs] == texts
     for name in ("q", "qd", "qdd", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(right, name), atol=1e-6)  # a clock in ms is rounded elsewhere
     assert [warning.code for warning in of_motion(found, None)] == ["unit_repaired"] * len(texts)
@@ -65,7 +65,7 @@ def test_a_wrong_unit_is_recognised_corrected_and_reported(factors, texts):
 def test_positions_in_degrees_without_speeds_are_recognised():
     """Two joints beyond any cable, faster than any arm: degrees."""
     alone = replace(scaled(swing(), q=DEGREES), qd=None, qdd=None)
-    assert [repair.text for repair in motion(alone).repairs] == ["positions are in degrees"]
+    assert [repair.parameters["what"] for repair in motion(alone).repairs] == ["positions are in degrees"]
 
 
 @given(

@@ -95,5 +95,5 @@ def test_a_coarse_clock_with_a_hole_is_restored_on_both_sides_of_it():
 def test_a_clock_in_nanoseconds_is_recognised():
     """As ROS stamps messages."""
     found = motion(replace(HEALTHY, t_s=HEALTHY.t_s * 1e9))
-    assert [repair.text for repair in found.repairs] == ["time is in nanoseconds"]
+    assert [repair.parameters["what"] for repair in found.repairs] == ["time is in nanoseconds"]
     assert found.rate_hz == pytest.approx(125.0, rel=1e-6)

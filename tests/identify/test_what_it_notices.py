@@ -7,6 +7,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/identification.md").read_text("utf-8")
 TABLE = PAGE.split("## What it notices")[1].split("## ")[0]
 SIGNALS = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "monitor/identify").rglob("*.py")))
+CLEANING = (ROOT / "monitor/identify/signals/cleaning.py").read_text("utf-8")
 TESTS = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py")) if path.name != Path(__file__).name)
 
 
@@ -20,6 +21,6 @@ def test_every_code_in_the_table_is_said_by_the_program_and_held_by_a_test():
 
 def test_every_correction_and_doubt_is_in_the_table():
     """What the program corrects or doubts in a recording has a row."""
-    said = set(re.findall(r'Repair\(\s*"([a-z_]+)"', SIGNALS))
+    said = set(re.findall(r'Sentence\(\s*"([a-z_]+)",\s*"\{source\}', CLEANING))
     assert len(said) > 10
     assert said - set(re.findall(r"`([a-z_]+)`", TABLE)) == set()

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, Arm, History, weather
 
-from monitor.identify.warnings import DataWarning
 from monitor.judge.assess import AssessSettings
 from monitor.judge.drift import step
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.update import filter_update
+from monitor.reason import Reason
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
 
@@ -146,7 +146,7 @@ def verdict() -> str:
     for day in range(DAYS):
         seen = arm.replay(weather(day, rng) + 0.3 * np.arange(6), np.array([0, 0.4 * (day >= JUMP_DAY), 0, 0, 0, 0]))
         if day == 8:
-            seen = replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),))
+            seen = replace(seen, warnings=(Reason("mounting_contradiction", {}, "gravity is 90° off"),))
         awaiting_proof = 4000.0 * (day - day // 7)
         history.add(day, seen, replace(CONTEXT, revolutions=(awaiting_proof,) * 6, payload_kg=2.0 if day in {15, 16} else 0.0))
     last = history.last

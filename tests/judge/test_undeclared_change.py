@@ -10,7 +10,6 @@ from synthetic_arm import CONTEXT, Arm, History
 
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.warnings import DataWarning
 from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.assess import AssessSettings, assess
@@ -31,6 +30,7 @@ from monitor.judge.drift.undeclared import (
 from monitor.judge.learn import enter_declared_context, enter_undeclared_level
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
+from monitor.reason import Reason
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
@@ -147,7 +147,7 @@ def test_a_mounting_that_contradicts_gravity_is_no_wear():
     history, arm = History(), Arm(seed=1)
     for day in range(12):
         seen = arm.replay(30.0, 0.0 if day < 9 else 0.2)
-        history.add(day, replace(seen, warnings=(DataWarning("mounting_contradiction", "gravity is 90° off"),)) if day >= 9 else seen)
+        history.add(day, replace(seen, warnings=(Reason("mounting_contradiction", {}, "gravity is 90° off"),)) if day >= 9 else seen)
     assert {condition for _, _, _, condition, _ in history.transitions} == {"mounting_contradiction"}
     assert history.health.state == "CHECK_FUNCTION"
 

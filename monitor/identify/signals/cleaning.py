@@ -15,6 +15,7 @@ from annotated_types import Interval
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.order import Slopes, median, medians, quantile, slopes
 from monitor.identify.signals.rows import restored_clock, taken, usual_size
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Indices, Mask, Recording
 
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a comparison
@@ -27,15 +28,8 @@ SURE = 4.0  # times the noise of a window's speed
 LATE_S = 0.008  # by which speeds may lag; on real controllers they lag by less than 2 ms
 
 
-class SpeedDoubt(NamedTuple):
-    """One joint whose speeds differ a little from the change of its positions."""
-
-    joint: int  # from 0
-    text: str
-
-
-def check_speeds(recording: Recording, seen: Slopes | None) -> Iterator[SpeedDoubt]:
-    """The joints whose speeds are doubtful. seen : `slopes` of its positions.
+def check_speeds(recording: Recording, seen: Slopes | None) -> Iterator[Reason]:
+    """Why the speeds of joints are doubtful. seen : `slopes` of its positions.
 
     Raises Unidentifiable where the speeds of a joint are another signal, with the likely reason: exchanged columns, a sign, a unit.
     """
@@ -53,10 +47,10 @@ def check_speeds(recording: Recording, seen: Slopes | None) -> Iterator[SpeedDou
     for j, off in enumerate(wrong):
         if moves[j] and off > DOUBTFUL + unsure[j]:
             factor = float(slope[:, j] @ speed[:, j] / (slope[:, j] @ slope[:, j]))
-            yield SpeedDoubt(j, f"{100 * off:.0f} % of the speed of joint {j + 1} is not the change of its position (factor {factor:.3g})")
+            yield SPEED_DIFFERS(joint=j + 1, share=off, factor=factor)
         elif moves[j] and abs(lag[j]) > LATE_S:
             order = "later" if lag[j] > 0 else "earlier"
-            yield SpeedDoubt(j, f"the speed of joint {j + 1} comes {1e3 * abs(lag[j]):.0f} ms {order} than the change of its position")
+            yield SPEED_LATE(joint=j + 1, late_ms=1e3 * abs(lag[j]), order=order)
 
 
 def _reason(recording: Recording, slope: Array, speed: Array, beyond: list[bool]) -> str:
@@ -191,50 +185,87 @@ FAR_S = 60.0  # a larger leap ahead is no hole in a recording of a replay
 HOLE_S = 1.0  # the hole that stands for an unknown time between two rows: longer than any gap that a spline bridges
 
 
-DOUBTS = (
+# Doubts (left as it is) and corrections ("put right") of a recording as a whole: the sentence of each code.
+CLOCK_JUMP = Sentence("clock_jump", "{source}: the clock was set {jumps} times; the time in between is unknown; put right")
+CLOCK_RESTORED = Sentence("clock_restored", "{source}: times are written in steps of {step:.3g}, coarser than the ticks; put right")
+UNIT_REPAIRED = Sentence("unit_repaired", "{source}: {what:word}; put right")
+CLOCK_DOUBTFUL = Sentence(
     "clock_doubtful",
-    "speeds_doubtful",
-    "motion_jumps",
-    "current_saturated",
-    "current_held",
+    "{source}: positions change {factor:.3g} times as fast as the speeds say: clock or speeds are off, and friction with them",
+)
+SPEEDS_DOUBTFUL = Sentence("speeds_doubtful", "{source}: {what}")
+SPEED_DIFFERS = Sentence(
+    "speed_differs", "{share:.0%} of the speed of joint {joint} is not the change of its position (factor {factor:.3g})"
+)
+SPEED_LATE = Sentence("speed_late", "the speed of joint {joint} comes {late_ms:.0f} ms {order:word} than the change of its position")
+TURNS_UNWOUND = Sentence("turns_unwound", "{source}: positions of joints {joints} jumped by whole turns; put right")
+MOTION_JUMPS = Sentence(
+    "motion_jumps", "{source}: the motion jumps {jumps} times, as where recordings are put together; each part is filtered alone"
+)
+ACCELERATIONS_REPLACED = Sentence(
+    "accelerations_replaced",
+    "{source}: the accelerations of joints {joints} are not the change of the speeds: "
+    "differences of the speeds stand in for all; put right",
+)
+CURRENT_STUCK = Sentence(
     "current_stuck",
-    "temperature_doubtful",
-    "temperature_torn",
-)  # codes of what is told and left as it is
+    "{source}: the {drive:word} of joint {joint} stays at {value:.4g} in {share:.0%} of the samples with motion: it was not measured there",
+)
+CURRENT_HELD = Sentence(
+    "current_held",
+    "{source}: the {drive:word} of joint {joint} changes every {every_ms:.0f} ms only (held or rounded): it comes late by half of that",
+)
+CURRENT_SATURATED = Sentence(
+    "current_saturated",
+    "{source}: the {drive:word} of joint {joint} is cut off at {value:.4g}: what was beyond is missing, and friction with it",
+)
+TEMPERATURE_TORN = Sentence("temperature_torn", "{source}: {count} readings of temperature are none of a joint; left out")
+TEMPERATURE_DOUBTFUL = Sentence("temperature_doubtful", "{source}: {what}")
+SILENT_SENSOR = Sentence("sensor_silent", "the temperature of joints {joints} is 0 throughout: it is taken as unknown")
+FOREIGN_UNIT = Sentence(
+    "sensor_unit",
+    "{value:.0f} is no temperature of joint {joints} in °C: it is taken as unknown; if it is in kelvin, subtract 273.15",
+)
+ALL_HOT = Sentence(
+    "sensors_hot",
+    "every joint is hotter than {coldest_c:.0f} °C: if these are °F, convert them, for friction is compared by temperature",
+)
+SENSOR_APART = Sentence(
+    "sensor_apart", "joint {joint} says {temperature_c:.0f} °C, the median joint {median_c:.0f} °C: check its sensor or unit"
+)
 
 
-class Repair(NamedTuple):
-    """One correction, or a doubt; `code` is for programs, `text` for people."""
-
-    code: str
-    text: str
-
-
-def cleaned(recording: Recording) -> tuple[Recording, tuple[Repair, ...]]:
+def cleaned(recording: Recording) -> tuple[Recording, tuple[Reason, ...]]:
     """The recording in seconds and radians, with a clock that only increases, and the corrections that were made.
 
     Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
     """
-    repairs = []
+    repairs: list[Reason] = []
+    source = named(recording)
     t_s, jumps = _running_on(recording.t_s)
     if jumps:
         recording = replace(recording, t_s=t_s)
-        repairs.append(Repair("clock_jump", f"the clock was set {jumps} time{'s' if jumps > 1 else ''}; the time in between is unknown"))
+        repairs.append(CLOCK_JUMP(source=source, jumps=jumps))
     coarse = restored_clock(recording.t_s, recording.q)
     if coarse is not None:
         recording = replace(recording, t_s=coarse[0])
-        repairs.append(Repair("clock_restored", f"times are written in steps of {coarse[1]:.3g}, coarser than the ticks"))
+        repairs.append(CLOCK_RESTORED(source=source, step=coarse[1]))
     as_read, seen = recording, slopes(recording.t_s, recording.q, recording.qd)
-    for field, factor, text in _units(recording, seen):
+    for field, factor, found in _units(recording, seen):
         if factor != 1.0:
             recording = replace(recording, **{field: getattr(recording, field) * factor})
-        repairs.append(Repair("unit_repaired" if factor != 1.0 else "clock_doubtful", text))
+        repairs.append(found)
     if recording is not as_read:
         seen = slopes(recording.t_s, recording.q, recording.qd)
     doubts = list(check_speeds(recording, seen))  # it raises where the speeds are another signal
-    if not any(repair.code == "clock_doubtful" for repair in repairs):  # which is the same doubt for all joints
-        repairs += [Repair("speeds_doubtful", doubt.text) for doubt in doubts]
+    if not any(repair.code == CLOCK_DOUBTFUL.code for repair in repairs):  # which is the same doubt for all joints
+        repairs += [SPEEDS_DOUBTFUL(source=source, what=doubt) for doubt in doubts]
     return recording, tuple(repairs)
+
+
+def named(recording: Recording) -> str:
+    """The name of a recording in sentences."""
+    return recording.source or "recording"
 
 
 def _running_on(t_s: Array) -> tuple[Array, int]:
@@ -262,12 +293,12 @@ def _running_on(t_s: Array) -> tuple[Array, int]:
     return (cleaned, jumps) if jumps else (t_s, 0)
 
 
-def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, float, str]]:
-    """(field, factor to SI, text) of every unit that is not of the SI, and of a suspicious clock (factor 1).
+def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, float, Reason]]:
+    """(field, factor to SI, what is said) of every unit that is not of the SI, and of a suspicious clock (factor 1).
 
     seen : `slopes` of its positions. Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit.
     """
-    name = recording.source or "recording"
+    name = named(recording)
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
     tick = median(step[step > 0.0]) if np.any(step > 0.0) else math.nan
@@ -276,7 +307,7 @@ def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, flo
     if speed_ratio is not None:
         for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
             if _near(speed_ratio * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
-                yield "t_s", 1.0 / per_second, f"time is in {unit}"
+                yield "t_s", 1.0 / per_second, UNIT_REPAIRED(source=name, what=f"time is in {unit}")
                 tick, speed_ratio = tick / per_second, speed_ratio * per_second
     if not tick * WELL_SAMPLED_HZ <= 1.0:
         return
@@ -284,18 +315,18 @@ def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, flo
         if _in_degrees(q, BEYOND_RAD):
             speed = np.gradient(q, axis=0) / tick
             if qd is None and _in_degrees(speed, BEYOND_RAD_S):
-                yield "q", 1.0 / DEGREES, "positions are in degrees"
+                yield "q", 1.0 / DEGREES, UNIT_REPAIRED(source=name, what="positions are in degrees")
         return
     degrees_alone = _near(speed_ratio, DEGREES), _near(speed_ratio, 1.0 / DEGREES)
     both = _near(speed_ratio, 1.0) and _in_degrees(q, BEYOND_RAD) and _in_degrees(qd, BEYOND_RAD_S)
     if degrees_alone[0] or both:
-        yield "q", 1.0 / DEGREES, "positions are in degrees"
+        yield "q", 1.0 / DEGREES, UNIT_REPAIRED(source=name, what="positions are in degrees")
     if degrees_alone[1] or both:
-        yield "qd", 1.0 / DEGREES, "speeds are in degrees a second"
+        yield "qd", 1.0 / DEGREES, UNIT_REPAIRED(source=name, what="speeds are in degrees a second")
     alike = speed_ratio / (DEGREES if degrees_alone[0] else 1.0 / DEGREES if degrees_alone[1] else 1.0)
     farthest = CONTRADICTION * (1.0 + tolerance)
     if abs(alike - 1.0) > SUSPICIOUS + tolerance and 1.0 / farthest < alike < farthest:
-        yield "t_s", 1.0, f"positions change {alike:.3g} times as fast as the speeds say: clock or speeds are off, and friction with them"
+        yield "t_s", 1.0, CLOCK_DOUBTFUL(source=name, factor=alike)
     if not 1.0 / farthest < alike < farthest:
         raise Unidentifiable(
             f"{name}: positions change {speed_ratio:.3g} times as fast as the speeds say; expected 1 (or 57.3 for degrees): "
@@ -305,7 +336,7 @@ def _units(recording: Recording, seen: Slopes | None) -> Iterator[tuple[str, flo
         scaled = qd / DEGREES if degrees_alone[1] or both else qd
         acceleration_ratio = _ratio(slopes(t_s if tick < 1.0 else t_s * 1e-3, scaled, qdd))
         if acceleration_ratio is not None and _near(acceleration_ratio.value, 1.0 / DEGREES):
-            yield "qdd", 1.0 / DEGREES, "accelerations are in degrees a second squared"
+            yield "qdd", 1.0 / DEGREES, UNIT_REPAIRED(source=name, what="accelerations are in degrees a second squared")
 
 
 def _near(ratio: float, unit: float) -> bool:
@@ -376,7 +407,7 @@ def refuse_other_unit(recording: Recording) -> None:
         )
 
 
-def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
+def check_drives(recording: Recording, rows: Indices) -> Iterator[Reason]:
     """The joints whose current or torque is no measurement in a part of these rows (N,), or in all."""
     drive = recording.current if recording.current is not None else recording.torque
     if drive is None or len(rows) < STUCK_ROWS:
@@ -390,24 +421,19 @@ def check_drives(recording: Recording, rows: Indices) -> Iterator[Repair]:
         count = np.count_nonzero(moving)
         if not count:
             continue
-        x, name = value[:, j], f"the {what} of joint {j + 1}"
+        x, which = value[:, j], {"source": named(recording), "drive": what, "joint": j + 1}
         lengths, at = _runs(x, moving)
         long = lengths >= max(STUCK_ROWS, STUCK_S / tick)
         share = float(np.sum(lengths[long]) / count)
         if count >= STUCK_ROWS and np.all((stuck_at := x[moving]) == stuck_at[0]):
-            yield Repair("current_stuck", f"{name} stays at {stuck_at[0]:.4g} in all samples with motion: it was not measured there")
+            yield CURRENT_STUCK(**which, value=stuck_at[0], share=1.0)
         elif np.sum(lengths) > 0.5 * count and _mean_run(lengths) * tick > HELD_S:
-            yield Repair(
-                "current_held",
-                f"{name} changes every {1e3 * _mean_run(lengths) * tick:.0f} ms only (held or rounded): it comes late by half of that",
-            )
+            yield CURRENT_HELD(**which, every_ms=1e3 * _mean_run(lengths) * tick)
         elif (cut := _cut_off(x)) is not None:
-            yield Repair("current_saturated", f"{name} is cut off at {cut:.4g}: what was beyond is missing, and friction with it")
+            yield CURRENT_SATURATED(**which, value=cut)
         elif share > STUCK_SHARE:
             stuck = x[at[long][int(np.argmax(lengths[long]))]]
-            yield Repair(
-                "current_stuck", f"{name} stays at {stuck:.4g} in {share:.0%} of the samples with motion: it was not measured there"
-            )
+            yield CURRENT_STUCK(**which, value=stuck, share=share)
 
 
 def _runs(x: Array, moving: Mask) -> tuple[Array, Indices]:
@@ -454,45 +480,36 @@ def plausible_temperatures(temperature_c: Array) -> Mask:
     return plausible
 
 
-def check_temperatures(recording: Recording) -> Iterator[Repair]:
+def check_temperatures(recording: Recording) -> Iterator[Reason]:
     """Doubts about the temperatures of a recording as a whole, and single readings that are left out."""
     if recording.temperature_c is None:
         return
+    source = named(recording)
     columns, sound = recording.temperature_c.T, plausible_temperatures(recording.temperature_c).T
     coldest, hottest = np.min(columns, initial=np.inf), np.max(columns, initial=-np.inf)
     if sound.all() and coldest >= COLD_C and hottest <= min(HOT_C, coldest + APART_K):
         return  # most often: no joint's median can then be doubtful
     usual = [median(column[on]) for column, on in zip(columns, sound, strict=True)]  # NaN where no reading is sound
     numbers = [column[np.isfinite(column)] for column in columns]
-    silent = [str(j + 1) for j, given in enumerate(numbers) if not np.any(given)]
+    silent = [j + 1 for j, given in enumerate(numbers) if not np.any(given)]
     if silent:
-        yield Repair("temperature_doubtful", f"the temperature of joints {', '.join(silent)} is 0 throughout: it is taken as unknown")
+        yield TEMPERATURE_DOUBTFUL(source=source, what=SILENT_SENSOR(joints=silent))
     foreign = [j for j, given in enumerate(numbers) if np.any(given) and np.isnan(usual[j])]
     if foreign:
-        size = median(numbers[foreign[0]])
-        joints = ", ".join(str(j + 1) for j in foreign)
-        yield Repair(
-            "temperature_doubtful",
-            f"{size:.0f} is no temperature of joint {joints} in °C: it is taken as unknown; if it is in kelvin, subtract 273.15",
-        )
+        what = FOREIGN_UNIT(value=median(numbers[foreign[0]]), joints=[j + 1 for j in foreign])
+        yield TEMPERATURE_DOUBTFUL(source=source, what=what)
     known = [value for value in usual if np.isfinite(value)]
-    yield from _apart(usual, known)
+    yield from (TEMPERATURE_DOUBTFUL(source=source, what=apart) for apart in _apart(usual, known))
     if known and min(known) > HOT_C:
-        yield Repair(
-            "temperature_doubtful",
-            f"every joint is hotter than {min(known):.0f} °C: if these are °F, convert them, for friction is compared by temperature",
-        )
+        yield TEMPERATURE_DOUBTFUL(source=source, what=ALL_HOT(coldest_c=min(known)))
     torn = sum(int(np.sum(np.isfinite(column) & ~on)) for column, on in zip(columns, sound, strict=True) if on.any())
     if torn:
-        yield Repair("temperature_torn", f"{torn} readings of temperature are none of a joint; left out")
+        yield TEMPERATURE_TORN(source=source, count=torn)
 
 
-def _apart(usual: Sequence[float], known: Sequence[float]) -> Iterator[Repair]:
+def _apart(usual: Sequence[float], known: Sequence[float]) -> Iterator[Reason]:
     """Doubts about single joints, by each joint's median [°C], NaN where it is unknown, and those that are known."""
     middle = median(np.array(known))
     for j, value in enumerate(usual):
         if value < COLD_C or (len(known) > 2 and abs(value - middle) > APART_K):
-            yield Repair(
-                "temperature_doubtful",
-                f"joint {j + 1} says {value:.0f} °C, the median joint {middle:.0f} °C: check its sensor or unit",
-            )
+            yield SENSOR_APART(joint=j + 1, temperature_c=value, median_c=middle)

@@ -9,13 +9,24 @@ import numpy as np
 from annotated_types import Interval
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.signals.cleaning import Repair, check_drives, check_temperatures, cleaned, plausible_temperatures, refuse_other_unit
+from monitor.identify.signals.cleaning import (
+    ACCELERATIONS_REPLACED,
+    MOTION_JUMPS,
+    TURNS_UNWOUND,
+    check_drives,
+    check_temperatures,
+    cleaned,
+    named,
+    plausible_temperatures,
+    refuse_other_unit,
+)
 from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
 from monitor.identify.signals.order import median, quantiles
 from monitor.identify.signals.ripple import Unfiltered
 from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, taken
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.model.robot import Robot
+from monitor.reason import Reason
 from monitor.recording import Array, Indices, Mask, Recording
 
 
@@ -95,7 +106,7 @@ class Motion:
     current_is_target: bool  # current and target current are equal bit for bit: a simulator, not a drive
     low_pass: tuple[int, float] | None = None  # order and cutoff [Hz] of the filter; None: no filter
     repaired_samples: int = 0  # spikes of current or torque that were replaced
-    repairs: tuple[Repair, ...] = ()  # what was corrected in the recording as a whole
+    repairs: tuple[Reason, ...] = ()  # what was corrected in the recording as a whole
     unfiltered: Unfiltered | None = None  # the rows that were filtered, as they were measured; None without a current
 
     @property
@@ -154,7 +165,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     """
     settings = settings or SignalSettings()
     if not recording.samples:
-        raise Unidentifiable(f"{_name(recording)}: holds no rows; expected a recording")
+        raise Unidentifiable(f"{named(recording)}: holds no rows; expected a recording")
     _drive(recording)  # refuses before anything is corrected
     refuse_other_unit(recording)
     recording, repairs = cleaned(recording)
@@ -165,14 +176,11 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
         unwound = recording.q.copy()
         unwound[keep] += sound.turns
         recording = replace(recording, q=unwound)
-        which = "s" if len(wound) > 1 else ""
-        text = f"positions of joint{which} {', '.join(str(j + 1) for j in wound)} jumped by whole turns"
-        repairs = (*repairs, Repair("turns_unwound", text))
+        repairs = (*repairs, TURNS_UNWOUND(source=named(recording), joints=wound + 1))
     t_s = taken(recording.t_s, keep)
     jumps = int(np.sum(np.diff(t_s)[sound.breaks - 1] <= settings.gap_s))
     if jumps:
-        text = f"the motion jumps {jumps} time{'s' if jumps > 1 else ''}, as where recordings are put together; each part is filtered alone"
-        repairs = (*repairs, Repair("motion_jumps", text))
+        repairs = (*repairs, MOTION_JUMPS(source=named(recording), jumps=jumps))
     rate_hz = _rate(t_s)
     _refuse_poor_motion(recording, keep, rate_hz, settings)
 
@@ -186,8 +194,7 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     if "qdd" in measured and (wrong := _other_acceleration(joined, rate_hz)):
         del measured["qdd"]
         joined = _joined(recording, stretches, measured, rate_hz, cutoff_hz, settings, why)
-        text = f"the accelerations of joint{'s' if len(wrong) > 1 else ''} {', '.join(map(str, wrong))} are not the change of the speeds"
-        repairs = (*repairs, Repair("accelerations_replaced", f"{text}: differences of the speeds stand in for all"))
+        repairs = (*repairs, ACCELERATIONS_REPLACED(source=named(recording), joints=wrong))
     temperature_c = _temperature(recording, keep, joined["t_s"])
     repairs = (*repairs, *check_temperatures(recording))
     return Motion(
@@ -221,7 +228,7 @@ def _drive(recording: Recording) -> Array:
     drive = recording.current if recording.torque is None else recording.torque
     if drive is None:
         raise Unidentifiable(
-            f"{_name(recording)}: holds neither current nor torque; expected actual_current or actual_torque for every joint"
+            f"{named(recording)}: holds neither current nor torque; expected actual_current or actual_torque for every joint"
         )
     return drive
 
@@ -241,7 +248,7 @@ class _Stretches(NamedTuple):
 
 def _usable_rows(recording: Recording, settings: SignalSettings) -> SoundRows:
     """`sound_rows` of the recording. Raises Unidentifiable where too few rows are sound, or the drives measured only zeros."""
-    name = _name(recording)
+    name = named(recording)
     _refuse_missing(recording)
     sound = sound_rows(recording)
     keep, why = sound.keep, sound.why
@@ -271,7 +278,7 @@ def _run_in_left_out(recording: Recording, sound: SoundRows, settings: SignalSet
     first = int(np.searchsorted(moved_s, settings.run_in_s))
     if len(t_s) - first < FEWEST_ROWS:
         raise Unidentifiable(
-            f"{_name(recording)}: the arm moves for {moved_s[-1]:.3g} s, and the first {settings.run_in_s:g} s are left out as its run-in "
+            f"{named(recording)}: the arm moves for {moved_s[-1]:.3g} s, and the first {settings.run_in_s:g} s are left out as its run-in "
             f"(identify.signals.run_in_s); expected a longer motion: more repetitions, or a shorter run-in"
         )
     breaks = sound.breaks[sound.breaks > first] - first
@@ -287,12 +294,12 @@ def _refuse_missing(recording: Recording) -> None:
         missing = np.flatnonzero(~np.any(np.isfinite(value), axis=0))
         if 0 < len(missing) < recording.joints:
             joints = f"joint{'s' if len(missing) > 1 else ''} {', '.join(str(j + 1) for j in missing)}"
-            raise Unidentifiable(f"{_name(recording)}: {key} of {joints} holds no number in any row; expected every joint's")
+            raise Unidentifiable(f"{named(recording)}: {key} of {joints} holds no number in any row; expected every joint's")
 
 
 def _refuse_poor_motion(recording: Recording, keep: Indices, rate_hz: float, settings: SignalSettings) -> None:
     """Raises Unidentifiable where the rate is too low, most joints stand still, or the recording is too short."""
-    name, t_s = _name(recording), taken(recording.t_s, keep)
+    name, t_s = named(recording), taken(recording.t_s, keep)
     if rate_hz < settings.min_rate_hz * 0.99:  # a clock may be wrong by 1 %
         raise Unidentifiable(f"{name}: sampled at {rate_hz:.3g} Hz; expected at least {settings.min_rate_hz:g} Hz, better 100 Hz")
     qd = taken(recording.qd, keep) if recording.qd is not None else np.gradient(recording.q[keep], t_s, axis=0)
@@ -337,7 +344,7 @@ def _joined(
     usable_s = sum(len(part["t_s"]) for part in parts) / rate_hz
     if usable_s < 0.8 * settings.min_duration_s:  # the filter's edges may take a fifth
         raise Unidentifiable(
-            f"{_name(recording)}: between its gaps {usable_s:.3g} s are usable; expected {settings.min_duration_s:g} s of unbroken rows"
+            f"{named(recording)}: between its gaps {usable_s:.3g} s are usable; expected {settings.min_duration_s:g} s of unbroken rows"
         )
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 

@@ -17,7 +17,7 @@ import scipy
 from monitor.identify.identification import Identification
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
-from monitor.reason import Reason, Sentence, reason_of
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 MOUNTING, PAYLOAD, GAINS = "mounting_contradiction", "payload_contradiction", "gain_contradiction"  # what changed
@@ -117,8 +117,8 @@ def rigid_fit(identification: Identification) -> RigidFit:
 
 def another_gravity(identification: Identification) -> UndeclaredChange:
     """What of a replay contradicts the declared mounting: identify compares it with gravity in the data."""
-    texts = [warning.text for warning in identification.warnings if warning.code == MOUNTING]
-    return UndeclaredChange(MOUNTING, reason_of(texts[0])) if texts else NO_UNDECLARED_CHANGE
+    contradictions = [warning for warning in identification.warnings if warning.code == MOUNTING]
+    return UndeclaredChange(MOUNTING, contradictions[0]) if contradictions else NO_UNDECLARED_CHANGE
 
 
 def misfit(fit: RigidFit, estimate: MassEstimate | None) -> float:

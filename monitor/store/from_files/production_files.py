@@ -70,7 +70,7 @@ def listen_to_files(
         name = production.recording.source
         warnings += _doubts(production.recording)
         repaired, repairs = cleaned(production.recording)
-        warnings += [{"code": repair.code, "text": f"{name}: {repair.text}"} for repair in repairs]
+        warnings += [repair.document() for repair in repairs]
         if repaired.context.recorded_at_unix_s is None and known_times:
             repaired = replace(repaired, context=replace(repaired.context, recorded_at_unix_s=known_times[0]))
         told = _told(replace(production, recording=repaired), arm, request.settings, total, show)

@@ -22,12 +22,12 @@ from monitor import __version__
 from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, ArchiveUnavailable, BadInput, StoreError, Unidentifiable
 from monitor.identify.identification import Identification, ResidualFrictionFit
 from monitor.identify.signals.ripple import Ripple
-from monitor.identify.warnings import DataWarning
 from monitor.judge.assess import AssessSettings, identified
 from monitor.judge.document import typed
 from monitor.model.base import base_parameters
 from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot
+from monitor.reason import reason_from
 from monitor.recording import Array, Context, Recording
 from monitor.service.history.assess_and_store import robot_digest
 from monitor.service.history.recompute import settings_from_document
@@ -224,7 +224,7 @@ def _document(found: Identification, flat: list[Array]) -> dict[str, Any]:
         "condition_number": found.condition_number,
         "normalised_error_nm": found.normalised_error_nm,
         "samples": found.samples,
-        "warnings": found.warnings,
+        "warnings": [warning.document() for warning in found.warnings],
         "residual_law": None if residual is None else residual.law.name,
         "ripple_why": None if ripple is None else ripple.why,
         "shapes": [(name, value.shape) for name, value in known],
@@ -265,7 +265,7 @@ def _identification(document: dict[str, Any], numbers: Array) -> Identification:
         condition_number=document["condition_number"],
         normalised_error_nm=document["normalised_error_nm"],
         samples=document["samples"],
-        warnings=tuple(DataWarning(code, text) for code, text in document["warnings"]),
+        warnings=tuple(reason_from(warning) for warning in document["warnings"]),
         residual_friction=residual,
         ripple=ripple,
         **found,
