@@ -15,8 +15,11 @@ import zenoh
 
 from monitor.config.load import from_document
 from monitor.judge.alerts.health import Alert
+from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
+from monitor.publish.timestamps import utc
+from monitor.reason import reason_of
 from monitor.service.daemon import Daemon
 from monitor.service.housekeeping import Housekeeping
 from monitor.service.main_loop import Reloader, Workers, monitor_document
@@ -37,6 +40,12 @@ ASKED = {
     "torque": {"q": [0.1] * 6, "qd": [0.5] * 6},
     "cmd/ack": {"joint": 3, "condition": "wear_rising", "by": "ada", "why": "grease is ordered"},
     "cmd/shelve": {"joint": 3, "condition": "wear_rising", "by": "ada", "hours": 2.0},
+    "cmd/unshelve": {"joint": 3, "condition": "wear_rising", "by": "ada"},
+    "cmd/unack": {"joint": 3, "condition": "wear_rising", "by": "ada"},
+    "cmd/unserviced": {"joint": 2, "by": "ada"},
+    "cmd/serviced": {"joint": 2, "kind": "greased", "by": "ada", "why": "200 h"},
+    "cmd/uninspected": {"item": "gripper", "by": "ada"},
+    "cmd/inspected": {"item": "gripper", "by": "ada", "why": "no play"},
     "cmd/replay": {"by": "ada"},
     "history?limit=2": None,
     "event": None,
@@ -54,6 +63,7 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         "robot": {"model": "ur5", "site": "lab", "id": "cell-1"},
         "store": {"directory": str(folder / "history")},
         "bus": {"listen": [ENDPOINT]},
+        "inspection": {"plan": "universal-robots"},
     }
     messages = []
     with (
@@ -65,10 +75,15 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         daemon.monitor.perform(START_UNIX_S)
         alert = Alert(
             joint=3, condition="wear_rising", tier="wear", raised_at_unix_s=START_UNIX_S, updated_at_unix_s=START_UNIX_S,
-            change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
+            change=0.06, probability=0.99, text=reason_of("Joint 3: friction rose"), action=reason_of("inspect"),
         )  # fmt: skip
         daemon.alerts.keep(replace(daemon.state.health, alerts=(alert,)), "raised", alert, START_UNIX_S)
         daemon.live.sample(*(np.full(6, x) for x in (0.1, 0.2, 0.3, 1.0, 30.0)))
+        daemon.bus.ask("cmd/serviced", ASKED["cmd/serviced"])
+        joint = JointFromProduction(joint=3, known=True, share=1.2, learnt_from_replays=1, learnt_from_production=1)
+        period = {"period_began_at": utc(START_UNIX_S - 86_400.0), "period_ended_at": utc(START_UNIX_S), "seen_s": 3600.0}
+        said = {"observations": 1, "left_out_s": {"standing": 60.0}, "asks": [], "joints": [joint]}
+        daemon.publisher.say(FromProduction(**period, **said, next_replay=NextReplay(replay="when_needed", why="every window")))
         daemon.publisher.health()
         problems = Problems(lambda: START_UNIX_S)
         maintenance = Housekeeping(store, lambda: daemon.state.configuration.store, problems, lambda: START_UNIX_S)
@@ -76,13 +91,13 @@ def spoken(folder: Path) -> list[tuple[str, zenoh.Sample | zenoh.ReplyError]]:
         scheduler = Scheduler(daemon.monitor, store, problems, ReplayRequests())
         workers = Workers(
             scheduler=scheduler,
-            maintenance=maintenance,
+            housekeeping=maintenance,
             document=MonitorDocument(store, problems, lambda: START_UNIX_S),
             reloader=Reloader(daemon.monitor, scheduler),
             problems=problems,
             heartbeats=Heartbeats(),
         )
-        daemon.publisher.say("monitor", monitor_document(daemon, link, workers))
+        daemon.publisher.say(monitor_document(daemon, link, workers))
         messages.append(("event", events.recv()))
         messages += [(str(reply.ok.key_expr).removeprefix(f"{PREFIX}/"), reply.ok) for reply in session.get(f"{PREFIX}/**", timeout=5.0)]
         for key, payload in ASKED.items():

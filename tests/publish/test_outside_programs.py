@@ -23,7 +23,7 @@ from monitor.views.terminal.watch import line
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "bus.md").read_text("utf-8")
-RECORDED = Path(__file__).parent / "recorded_v1" / "2026-11-21"
+RECORDED = Path(__file__).parent / "recorded_v1" / "2026-11-27"
 
 
 def document(kind: str) -> dict:
