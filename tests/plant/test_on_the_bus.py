@@ -23,9 +23,10 @@ from monitor.plant.run import Plant
 from monitor.plant.screen.settings import ScreenSettings
 from monitor.plant.settings import PlantConfiguration, PlantSettings
 from monitor.plant.status import as_lines, plant_status
+from monitor.publish.documents import ArmLink, Waiting
 from monitor.publish.session import session_config
 from monitor.service.daemon import Daemon
-from monitor.service.monitor_document import MonitorDocument
+from monitor.service.monitor_document import MonitorDocument, OfOthers
 from monitor.service.problems import Problems
 from monitor.store.store import Store
 from monitor.studies.plant import Lives, PlantOnBus, SimulatedPlant, Transition
@@ -290,7 +291,8 @@ def test_a_real_daemon_is_copied_and_its_document_says_how_far_it_is(free_port, 
         database = stack.enter_context(reading(address))
         until(plant, lambda: plant.trouble is None and copied(database).get("lab/cell-1", ([], []))[0] == [event.seq for event in events])
         (later,) = store.events.revise({"alerts": []}, [ALERT], BEGIN_UNIX_S + 60.0)
-        cursors = MonitorDocument(store, Problems(time.time), time.time).collect(None, {})["store"]
+        of_others = OfOthers(None, None, None, None, None, ArmLink(heard=True), Waiting(to_send=0, to_answer=0, dropped=0), {}, [])
+        cursors = MonitorDocument(store, Problems(time.time), time.time).collect(of_others).model_dump(mode="json")["store"]
         assert (cursors["last_event"], cursors["last_change"]) == (later.seq, 0)
         name = next(iter(plant.following.arms))
         assert plant.following.arms[name].behind({"store": cursors})
