@@ -226,7 +226,7 @@ def main() -> int:
         free = available_mib()
         host.start(1, until)
         one = host.measured(arguments.seconds)
-        print(one.line(f"one idle daemon, live torque at 10 Hz{', ordinary work' if arguments.work else ''}"), flush=True)
+        print(one.line(f"one idle daemon, live torque at 10 Hz{', ordinary work' if arguments.production else ''}"), flush=True)
         began = time.monotonic()
         started = host.start(count, until)
         took = time.monotonic() - began

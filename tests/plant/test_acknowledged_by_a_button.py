@@ -17,6 +17,7 @@ from monitor.plant.run import Plant
 from monitor.plant.settings import load_plant
 from monitor.plant.tables import audit
 from monitor.publish.session import session_config
+from monitor.reason import reason_of
 from monitor.service.daemon import Daemon
 from monitor.store.store import Store
 
@@ -28,7 +29,7 @@ def raised(daemon, joint):
     at = time.time()
     alert = Alert(
         joint=joint, condition="wear_rising", tier="wear", raised_at_unix_s=at, updated_at_unix_s=at,
-        change=0.06, probability=0.99, text=f"Joint {joint}: friction rose", action="inspect",
+        change=0.06, probability=0.99, text=reason_of(f"Joint {joint}: friction rose"), action=reason_of("inspect"),
     )  # fmt: skip
     with daemon.state.revising:
         joints = tuple(JointHealth(joint=k, state="NORMAL", why="well", since_unix_s=at) for k in range(1, 7))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from monitor.config.load import from_document
 from monitor.judge.alerts.health import Alert
+from monitor.reason import reason_of
 from monitor.service.daemon import Daemon
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
@@ -46,7 +47,7 @@ def main() -> None:
                 joint = number % 6 + 1
                 alert = Alert(
                     joint=joint, condition="wear_rising", tier="wear", raised_at_unix_s=1.0e9, updated_at_unix_s=1.0e9 + number,
-                    change=number / 1e6, probability=0.99, text=f"transition {number}", action="inspect",
+                    change=number / 1e6, probability=0.99, text=reason_of(f"transition {number}"), action=reason_of("inspect"),
                 )  # fmt: skip
                 others = tuple(other for other in daemon.state.health.alerts if other.joint != joint)
                 with daemon.state.revising:

@@ -25,6 +25,7 @@ from monitor.publish.client import Client
 from monitor.publish.documents import Document, TorqueLive, as_json
 from monitor.publish.registry import KINDS, schema
 from monitor.publish.session import session_config
+from monitor.reason import reason_of
 from monitor.service.daemon import Daemon
 from monitor.service.housekeeping import Housekeeping
 from monitor.service.main_loop import MainLoop, Reloader, Workers
@@ -110,7 +111,7 @@ def raise_alert(daemon: Daemon, at_unix_s: float, joint: int | None = 3, conditi
     """Raise an alert as a verdict does: stored, held and published."""
     alert = Alert(
         joint=joint, condition=condition, tier="wear", raised_at_unix_s=at_unix_s, updated_at_unix_s=at_unix_s,
-        change=0.06, probability=0.99, text="Joint 3: friction rose", action="inspect",
+        change=0.06, probability=0.99, text=reason_of("Joint 3: friction rose"), action=reason_of("inspect"),
     )  # fmt: skip
     with daemon.state.revising:
         health = replace(daemon.state.health, alerts=(*daemon.state.health.alerts, alert))

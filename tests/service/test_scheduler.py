@@ -372,7 +372,7 @@ def test_with_a_full_disk_nothing_moves_and_the_problem_ends_when_there_is_room(
         before = len(arm.replayed)
         filler = small_disk / "filler"
         subprocess.run(["dd", "if=/dev/zero", f"of={filler}", "bs=4k"], capture_output=True, check=False)  # until the disk is full
-        assert "MB are free" in (too_little_room(store, 1.0) or "")
+        assert "MB are free" in str(too_little_room(store, 1.0) or "")
         stopping = threading.Event()
         ticks = [0]
 
@@ -405,7 +405,7 @@ def test_a_disk_that_becomes_read_only_is_reported_and_survived(small_disk: Path
         subprocess.run(["mount", "--bind", str(small_disk), str(small_disk)], check=True)
         try:
             subprocess.run(remount, check=True)
-            assert "only be read" in (too_little_room(store, 1.0) or "")
+            assert "only be read" in str(too_little_room(store, 1.0) or "")
             arm.passes(3600.0)
             assert len(arm.replayed) == before
             assert "only be read" in arm.states()[-1][1]
