@@ -3,8 +3,10 @@
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+from pydantic import ValidationError
 
 from monitor.acquire.driver import ErrorLink
 from monitor.acquire.state import ROBOT_MODE_RUNNING
@@ -14,6 +16,7 @@ from monitor.errors import BadConfiguration, StoreError
 from monitor.publish import documents
 from monitor.publish.documents import Reload, worded
 from monitor.publish.timestamps import utc
+from monitor.reason import Sentence
 from monitor.service.daemon import Daemon
 from monitor.service.housekeeping import Housekeeping
 from monitor.service.live import ArmLink, LiveFeed
@@ -53,6 +56,7 @@ class Reloader:
 
 
 WORKER_PATIENCE_S = 90.0  # a worker is late after this: an upload, a permit, an assessment on a busy machine take less
+UNFIT = Sentence("document_unfit", "the document {document} is not published: {values} of its values do not fit it; the journal names them")
 MONITOR_PERIOD_S = 10.0  # between two documents `monitor`
 
 
@@ -95,12 +99,24 @@ class MainLoop:
             if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
                 self._monitor_at = now
                 self._look()
-                self._daemon.duty.step()
-                self._publish_monitor()
+                self._guarded("duty", self._daemon.duty.step)
+                self._guarded("monitor", self._publish_monitor)
             if now - self._health_at >= state.configuration.bus.health_period_s or not self._health_at:
                 self._health_at = now
-                self._daemon.publisher.health()
+                self._guarded("health", self._daemon.publisher.health)
             self._watchdog.check()
+
+    def _guarded(self, what: str, say: Callable[[], object]) -> None:
+        """Say one document. One that its own model refuses is a fault of this program: it is told, and everything else goes on."""
+        problems, name = self._workers.problems, f"document_{what}"
+        try:
+            say()
+            problems.clear(name)
+        except ValidationError as error:
+            if name not in problems:
+                log.exception("the document %s does not fit its model", what)
+            problems.report(name, UNFIT(document=what, values=error.error_count()))
+            self._workers.heartbeats.beat("bus", WORKER_PATIENCE_S)  # a restart would meet the same fault
 
     def _observe(self) -> None:
         """Hand the arm's state to the scheduler and to the problems."""
