@@ -24,6 +24,7 @@ from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
+from monitor.reason import reason_of
 from monitor.recording import Recording
 from monitor.service.daemon import Daemon
 from monitor.service.housekeeping import Housekeeping
@@ -199,7 +200,7 @@ class Running:
 
     def skip(self, window_unix_s: float, why: str) -> None:
         """One window that was missed."""
-        self.daemon.monitor.skip(window_unix_s, why)
+        self.daemon.monitor.skip(window_unix_s, reason_of(why))
 
     def tick(self) -> None:
         """The scheduler looks at its clocks, and has done what is due."""
@@ -241,7 +242,7 @@ class Running:
 
     def last_values(self) -> dict[str, Any]:
         """The last values by key, as a client that connects late gets them."""
-        return self.daemon.bus.last_values()
+        return {key: json.loads(payload) for key, payload in self.daemon.bus.last_payloads().items()}
 
     def announce(self, moves_at_unix_s: float) -> None:
         """Announce a motion, as before the arm moves."""
