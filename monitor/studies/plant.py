@@ -413,11 +413,14 @@ class PlantOnBus:
         now, days = self._now(), self.lives.replays[arm]
         window = rfc3339(self.lives.at_unix_s(days[-1])) if days else None
         last = {"replay": len(days), "window": window, "state": "assessed", "reason": None, "ended_at": window} if days else None
+        disk = {"history_bytes": 0, "last_backup_at": None, "free_bytes": None, "sqlite": ""}
+        process = {"resident_bytes": None, "cpu_s": 0.0, "threads": 1, "pid": 0, "pid_namespace": None}
         cursors = {"history_id": self.history_id(arm), "last_event": len(self.lives.transitions[arm]), "last_change": len(days)}
         return {
             **{"version": __version__, "programs": {}, "started_at": rfc3339(self._began_unix_s), "uptime_s": now - self._began_unix_s},
             **{"said_at": rfc3339(now), "troubles": [], "last_replay": last, "next_replay_due": None, "next_replay_why": None},
-            **{"lag_s": None, "arm": {"heard": True}, "bus": {}, "store": cursors, "process": {}, "workers": {}, "reload": None},
+            **{"lag_s": None, "arm": {"heard": True}, "bus": {"to_send": 0, "to_answer": 0, "dropped": 0}},
+            **{"store": disk | cursors, "process": process, "workers": {}, "reload": None},
             "overrides": [],
         }
 

@@ -146,9 +146,9 @@ def test_a_replay_whose_verdict_died_is_kept_told_and_assessed_later(daemon, mon
     made = daemon(Failing(1, before_writing=before_writing))
     row = made.monitor.perform(NOON)
     if before_writing:  # it was written here; the verdict comes with the next look
-        assert "ended by signal 9" not in (made.monitor.unassessed or "")
+        assert "ended by signal 9" not in str(made.monitor.unassessed or "")
     else:
-        assert "replay 1 waits for its assessment" in made.monitor.unassessed
+        assert "replay 1 waits for its assessment" in str(made.monitor.unassessed)
         made.monitor.recover()
         assert made._store.ledger.row(row.id).state == "recorded"
         monkeypatch.setattr(made.monitor, "_retry_at", time.monotonic())

@@ -110,7 +110,7 @@ def test_a_problem_is_logged_when_it_begins_and_when_it_ends(caplog):
         elapsed[0] += 1.0
     clock[0] -= 365 * 86_400.0  # the clock was set back meanwhile; the duration is still right
     problems.clear("clock")
-    assert problems.listed() == [{"name": "disk", "since_unix_s": 100.0, "text": "full since 104"}]
+    assert [(each.name, each.since.timestamp(), each.text) for each in problems.listed()] == [("disk", 100.0, "full since 104")]
     problems.update("disk", None)
     assert [record.message for record in caplog.records] == ["trouble=disk: full since 100", "trouble=disk is over, after 5 s"]
     assert problems.listed() == []

@@ -16,13 +16,12 @@ import pytest
 from monitor.config.load import from_document
 from monitor.config.schema import Configuration
 from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, BadConfiguration, BadInput
-from monitor.publish.documents import Monitor
-from monitor.publish.timestamps import outside
+from monitor.publish.documents import ArmLink, Waiting
 from monitor.recording import Context, Recording
 from monitor.service import uploads as uploads_module
 from monitor.service.computing import Apart
 from monitor.service.housekeeping import Housekeeping
-from monitor.service.monitor_document import MonitorDocument
+from monitor.service.monitor_document import MonitorDocument, OfOthers
 from monitor.service.preflight import service_conditions
 from monitor.service.problems import Problems
 from monitor.service.uploads import FIRST_RETRY_S, IDLE_S, LONGEST_RETRY_S, PROBLEM, SLOW, SLOW_S, Stopping, Uploads
@@ -35,9 +34,7 @@ from monitor.views.terminal.arm import monitor_lines
 
 DAY = 86_400.0
 NOW = 1.8e9
-MORE = {
-    "next_replay_due_unix_s": None, "next_replay_why": None, "lag_s": None, "arm": {}, "bus": {}, "workers": {}, "overrides": [],
-}  # fmt: skip
+OTHERS = OfOthers(None, None, None, None, None, ArmLink(heard=True), Waiting(to_send=0, to_answer=0, dropped=0), {}, [])
 
 
 def recording(at_unix_s: float | None, seed: int = 0) -> Recording:
@@ -91,7 +88,7 @@ def drained(uploads: Uploads) -> float:
 
 
 def listed(problems: Problems) -> dict[str, str]:
-    return {each["name"]: each["text"] for each in problems.listed()}
+    return {each.name: each.text for each in problems.listed()}
 
 
 def test_each_recording_goes_to_the_archive_once_and_the_history_says_where(tmp_path: Path, store: Store):
@@ -111,12 +108,11 @@ def test_each_recording_goes_to_the_archive_once_and_the_history_says_where(tmp_
     before = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "archive").rglob("*"))
     drained(uploads_of(store, settings)[0])
     assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "archive").rglob("*")) == before
-    document = MonitorDocument(store, problems, lambda: NOW).collect(None, {})["store"]["archive"]
-    assert (document["recordings"], document["waiting"]) == (2, 0)
+    document = MonitorDocument(store, problems, lambda: NOW).collect(OTHERS).store.archive
+    assert (document.recordings, document.waiting) == (2, 0)
     assert problems.listed() == []
     rejected(store, 3)
-    said = outside(MonitorDocument(store, problems, lambda: NOW).collect(None, MORE))
-    Monitor.model_validate(said)
+    said = MonitorDocument(store, problems, lambda: NOW).collect(OTHERS).model_dump(mode="json")
     assert f"archive {tmp_path / 'archive'}: 2 recordings; 1 wait, the oldest since 20" in monitor_lines(said)
 
 
@@ -426,7 +422,7 @@ def test_a_reload_may_name_another_archive_or_none(tmp_path: Path, store: Store)
     rejected(store, 3)
     assert uploads.step() == IDLE_S
     assert store.archived.count() == 2
-    assert "archive" not in MonitorDocument(store, Problems(lambda: NOW), lambda: NOW).collect(None, {})["store"]
+    assert MonitorDocument(store, Problems(lambda: NOW), lambda: NOW).collect(OTHERS).store.archive is None
 
 
 @pytest.mark.slow

@@ -4,7 +4,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from test_store import DAY, commit, replayed
+from test_store import DAY, replayed
+from test_store import commit as commit_verdict
 
 from monitor.errors import BadInput
 from monitor.publish.documents import Events
@@ -17,6 +18,20 @@ ALERT = {
 }
 
 
+FIGURES = (
+    *("coulomb_nm", "coulomb_std_nm", "viscous_nm_s_per_rad", "viscous_std_nm_s_per_rad", "temperature_c", "reference_speed_rad_s"),
+    *("reference_temperature_c", "reference_torque_nm", "reference_torque_std_nm", "wear", "wear_std", "wear_rate_per_day"),
+    "wear_rate_std_per_day",
+)
+LIFE = {"verdict": "no_trend", "trend_probability": 0.5, "p10_days": None, "p50_days": None, "p90_days": None}
+JOINT = {**dict.fromkeys(FIGURES, 1.0), "remaining_life": LIFE}
+
+
+def commit(store: Store, ledger_id: int, **changes: object) -> None:
+    """A verdict whose figures a reader of the bus takes."""
+    commit_verdict(store, ledger_id, friction=[JOINT, JOINT], **changes)
+
+
 def handlers(store: Store) -> Handlers:
     return Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2), store=store), None)
 
@@ -27,9 +42,9 @@ def copied(store: Store, after: int = 0, limit: int = 2) -> tuple[list[tuple[int
     following: int | None = after
     while following is not None:
         page = handlers(store).history({"changed_after": str(following), "limit": str(limit)})
-        found += [(change["replay"], len(change["rows"])) for change in page["changes"]]
-        after = page["changes"][-1]["seq"] if page["changes"] else after
-        following = page["next"]
+        found += [(change.replay, len(change.rows)) for change in page.changes]
+        after = page.changes[-1].seq if page.changes else after
+        following = page.next
     return found, after
 
 
@@ -79,13 +94,13 @@ def test_transitions_come_in_pages_from_the_oldest_where_a_limit_is_asked(tmp_pa
     with Store.open(tmp_path) as store:
         store.events.revise({"alerts": []}, [ALERT] * 250, 1.0)
         ask = handlers(store).events
-        assert [event["seq"] for event in ask({"after": "10"})["events"]] == list(range(151, 251))
+        assert [event.seq for event in ask({"after": "10"}).events] == list(range(151, 251))
         seen, after = [], 10
         while after is not None:
             page = ask({"after": str(after), "limit": "100"})
-            Events.model_validate(page)
-            seen += [event["seq"] for event in page["events"]]
-            after = page["next"]
+            assert isinstance(page, Events)
+            seen += [event.seq for event in page.events]
+            after = page.next
         assert seen == list(range(11, 251))
         with pytest.raises(BadInput, match="limit = '0'; expected a whole number from 1 to 10000"):
             ask({"limit": "0"})
