@@ -22,8 +22,7 @@ from monitor.judge.drift.prior import BOUNDS, prior_from_document
 from monitor.service.history.recompute import settings_from_document
 from monitor.simulate.arm.friction import default_law
 from monitor.store.store import Store
-from monitor.studies import fleet_prior as pool
-from monitor.studies.fleet_prior import LearntArm, learn_prior
+from monitor.studies.fleet_prior import LearntArm, learn_prior, pool
 from monitor.studies.rehearsal.fleet import Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, interval_holds, judged_days
 
