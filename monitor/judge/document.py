@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.reason import Reason, reason_at, reason_from, with_reasons
+from monitor.reason import Reason, reason_at, reason_from, reason_of, with_reasons
 from monitor.recording import Array
 
 T = TypeVar("T")
@@ -112,7 +112,7 @@ def _value(hint: Any, given: Any, where: str, sizes: Sizes, complete: bool) -> A
             raise BadInput(f"{where}: expected a JSON object")
         return {str(key): _value(arguments[1], each, f"{where}: {key}", sizes, complete) for key, each in given.items()}
     if hint is Reason:
-        return reason_from(given)
+        return reason_from(given) if isinstance(given, Mapping) else reason_of(given)  # a release before 1.0 kept the text
     if is_dataclass(hint) or hasattr(hint, "_fields"):
         return typed(hint, given, where=where, sizes=sizes, complete=complete)
     if hint is float:

@@ -142,7 +142,7 @@ def _observation(found: ProductionEstimate, joints: int, arm: str) -> Production
         share=found.share,
         known=found.known.astype(float),
         arm=arm,
-        reasons=tuple("" if found.known[j] else next(told, "") for j in range(joints)),
+        reasons=tuple(None if found.known[j] else next(told, None) for j in range(joints)),
         left_out_s=dict(found.left_out_s),
         seen_s=found.seen_s,
     )

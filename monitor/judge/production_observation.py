@@ -9,6 +9,7 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.judge.drift.observation import NOT_MEASURED, POSSIBLE_C, VISCOUS_SHARE, Observation
 from monitor.judge.drift.settings import DriftSettings
+from monitor.reason import Reason
 from monitor.recording import Array, Context
 
 # a context states these of the work as well; the motion is the program's own, and past work on joints is of the arm
@@ -29,7 +30,7 @@ class ProductionObservation:
     share: Annotated[Array, "J"]  # information held beside what is needed; 1 and more: known
     known: Annotated[Array, "J"]  # 1 where the joint is known to the stated deviation, else 0: then the judge does not observe it
     arm: str = ""  # which frozen model of the arm it was made with: with another one work has another level
-    reasons: tuple[str, ...] = ()  # why a joint is not known, a sentence each; empty of a joint that is
+    reasons: tuple[Reason | None, ...] = ()  # why a joint is not known; None of a joint that is
     left_out_s: Mapping[str, float] = field(default_factory=dict)  # seconds of work that did not count, by cause
     seen_s: float = 0.0  # seconds of work that were listened to
 

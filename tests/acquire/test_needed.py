@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from monitor.acquire.schedule.needed import Need, Told, need, needed_windows, suspicion_asks
+from monitor.acquire.schedule.needed import EVERY_WINDOW, Need, Told, need, needed_windows, suspicion_asks
 from monitor.acquire.schedule.windows import ScheduleSettings, Window
 from monitor.errors import BadInput
+from monitor.reason import reason_of
 
 DAY = 86_400.0
 NOW = 1_780_272_000.0
@@ -34,7 +35,7 @@ LEARNT = Told(NOW - 90 * DAY, NOW - 10 * DAY, (NOW,) * 6)
 def test_a_replay_is_needed_from_the_first_reason_on(told, from_unix_s, why):
     found = need(SETTINGS, told)
     assert found.from_unix_s == from_unix_s
-    assert why in found.why
+    assert why in found.why.text
 
 
 MONTH = ScheduleSettings(replay="when_needed", unobserved_days=30.0, at_most_days=30.0, learning_days=14.0)
@@ -69,16 +70,16 @@ def test_a_suspicion_puts_off_no_replay_that_is_needed_without_it(settings, join
     told = LEARNT._replace(replayed_unix_s=NOW - DAY, joints_unix_s=joints_unix_s)
     assert need(settings, told) == need(settings, told._replace(suspects=(3,)))
     assert need(settings, told).from_unix_s == from_unix_s
-    assert why in need(settings, told).why
+    assert why in need(settings, told).why.text
 
 
 def test_without_the_setting_every_window_needs_a_replay():
-    assert need(ScheduleSettings(), LEARNT) == Need(-math.inf, "every window")
+    assert need(ScheduleSettings(), LEARNT) == Need(-math.inf, EVERY_WINDOW())
 
 
 def test_a_window_of_evidence_is_needed_whatever_production_has_told():
     windows = [Window(NOW, NOW, NOW + 600.0, why) for why in ("cron", "evidence")]
-    assert [window.why for window in needed_windows(windows, Need(NOW + DAY, "later"))] == ["evidence"]
+    assert [window.why for window in needed_windows(windows, Need(NOW + DAY, reason_of("later")))] == ["evidence"]
 
 
 def test_a_joint_may_not_stay_untold_for_longer_than_the_arm_without_a_replay():

@@ -170,7 +170,7 @@ def test_a_joint_that_production_does_not_move_stays_unknown_and_says_so():
     assert np.array_equal(np.isfinite(found.friction_nm), [True, False, True, False, False, True])
     assert not found.known[[1, 3, 4]].any()
     assert np.array_equal(found.share[[1, 3, 4]], [0.0, 0.0, 0.0])
-    assert "Shoulder (joint 2): it moved for 0 s in 7 days; a replay is needed" in found.reasons
+    assert "Shoulder (joint 2): it moved for 0 s in 7 days; a replay is needed" in [reason.text for reason in found.reasons]
     json.dumps(found.to_document(), allow_nan=False)
 
 
@@ -252,7 +252,7 @@ def test_an_undeclared_kilogram_is_left_out(declared, rate_hz):
     assert np.all(np.abs(found.friction_nm - truth())[told_of] < 2.5 * found.deviation_nm[told_of])
     always = told(Cell(carried_kg=(1.0,) * 6, declared_kg=declared, rate_hz=rate_hz, minutes=1.0))
     assert not always.known.any()
-    assert "declare it (set_payload), or replay with it" in always.reasons[-1]
+    assert "declare it (set_payload), or replay with it" in always.reasons[-1].text
 
 
 def test_contact_is_left_out_by_torque_alone():

@@ -21,6 +21,7 @@ from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, 
 from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.reason import reason_of
 
 LEARNT = 40  # days of replays before the first work
 RESTARTED = 5  # observations after which the belief is read as by a restart: to write and read it costs twice as much as to judge it
@@ -42,7 +43,7 @@ def told(day: float, friction_nm, rng, *, known=OF_PRODUCTION, arm="replay 1") -
         share=np.where(known, 2.0, 0.02),
         known=known.astype(float),
         arm=arm,
-        reasons=("joint 4: 0.02 of what is needed",),
+        reasons=(reason_of("joint 4: 0.02 of what is needed"),),
         left_out_s={"contact": 12.0},
     )
 

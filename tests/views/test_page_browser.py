@@ -9,13 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lived_monitor import configuration, monitor
+from published import raw
 
+from monitor.acquire.schedule.needed import ONE_JOINT, UNTOLD
+from monitor.identify.production.estimate import HARDLY_MOVED, IN_DAYS
 from monitor.judge.document import plain
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
-from monitor.publish.timestamps import outside
-from monitor.reason import joint_name
+from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay, as_json, worded
+from monitor.publish.timestamps import utc
+from monitor.reason import joint_name, reason_of
 from monitor.service.lending import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
@@ -419,13 +423,16 @@ def test_a_replay_that_waits_for_the_programs_node_is_shown_with_what_kept_it_wa
     open_, _ = opened
     _, daemon, _ = served
     english, german = open_(), open_(language="de")
-    due = DueReplay(key_unix_s=1.78e9, since_unix_s=1.78e9, until_unix_s=1.79e9, passed_by="payload: the controller reckons with 1.200 kg")
-    daemon.publisher.say("monitor", {"troubles": [], "due": outside(due.as_document())})
+    passed_by = reason_of("payload: the controller reckons with 1.200 kg")
+    due = DueReplay(key_unix_s=1.78e9, since_unix_s=1.78e9, until_unix_s=1.79e9, passed_by=passed_by)
+    daemon.publisher.say(raw("monitor", {"troubles": [], "due": as_json(due.document())}))
     waits = "waiting for the program's node; at the last one: payload: the controller reckons with 1.200 kg"
     expect(english.locator("#due")).to_contain_text("due since ")
     expect(english.locator("#due")).to_contain_text(waits)
     expect(german.locator("#due")).to_contain_text("fällig seit ")
-    daemon.publisher.say("monitor", {"troubles": [], "due": None})
+    expect(german.locator("#due")).to_contain_text("payload: the controller reckons with 1.200 kg")
+    expect(german.locator("#due")).not_to_contain_text("waiting")
+    daemon.publisher.say(raw("monitor", {"troubles": [], "due": None}))
     expect(english.locator("#due")).not_to_contain_text("due since")
 
 
@@ -502,21 +509,21 @@ def test_a_joint_says_what_came_from_production_and_how_far_the_next_replay_is(o
     """Observations by replays and by work, what work holds of what is needed, and the next replay with its reason: in German."""
     _, daemon, store = served
     at = store.assessments.state().belief["at_unix_s"]
-    joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_production": 3, "learnt_at_unix_s": at}
-    reason = "Elbow (joint 3): it moved for 0 s in 7 days; a replay is needed"
-    why = "work does not tell enough of joint 3: after 7 days a replay is needed"
-    document = {
-        "period_began_at_unix_s": at,
-        "period_ended_at_unix_s": at,
-        "observations": 3,
-        "seen_s": 3600.0,
-        "left_out_s": {},
-        "asks": [],
-        "next_replay": {"replay": "when_needed", "needed_from_unix_s": at + 9 * 86_400.0, "why": why},
-        "joints": [{"joint": j, **joint, "reason": reason} for j in range(1, 7)],
-    }
+    joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_production": 3, "learnt_at": utc(at)}
+    reason = worded(reason=HARDLY_MOVED(joint=3, moving_s=0.0, during=IN_DAYS(days=7.0)))
+    why = worded(why=UNTOLD(joints=ONE_JOINT(joint=3), days=7.0))
+    document = FromProduction(
+        period_began_at=utc(at),
+        period_ended_at=utc(at),
+        observations=3,
+        seen_s=3600.0,
+        left_out_s={},
+        asks=[],
+        next_replay=NextReplay(replay="when_needed", needed_from=utc(at + 9 * 86_400.0), **why),
+        joints=[JointFromProduction(joint=j, **joint, **reason) for j in range(1, 7)],
+    )
     page = opened[0](language="de")
-    daemon.publisher.say("from-production", document)
+    daemon.publisher.say(document)
     figures = page.locator("#figures")
     expect(figures).to_contain_text("40 Prüffahrten, 3 Zeiträumen Arbeit")
     expect(figures).to_contain_text("0,02 (Ellbogen (Gelenk 3): in 7 Tagen hat es sich 0 s bewegt; eine Prüffahrt ist nötig)")

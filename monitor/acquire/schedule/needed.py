@@ -9,12 +9,23 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from monitor.acquire.schedule.windows import ScheduleSettings, Window
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
 
 ALWAYS, WHEN_NEEDED = "always", "when_needed"
 # Half of a day's noise is still there on the next: a replay on every second day tells nine tenths of what a daily one does.
 SUSPECTED_DAYS = 2.0  # [d] between the replays that a suspicion asks for, at least
 SUSPECTED_SHARE = 1.0 / 6.0  # of `unobserved_days`, likewise: whoever lets a joint be untold for a month wants few replays
+
+EVERY_WINDOW = Sentence("every_window", "every window")
+NOTHING_LEARNT_YET = Sentence("nothing_learnt_yet", "nothing is learnt yet")
+IS_LEARNT = Sentence("arm_is_learnt", "the first {days:g} days, in which the arm is learnt")
+PRODUCTION_ASKS = Sentence("production_asks", "work alone has found wear of {joints}: a replay shall confirm it")
+DOUBTED = Sentence("change_doubted", "the last replays make a change of {joints} likely: the next ones shall tell")
+PRODUCTION_SUSPECTS = Sentence("production_suspects", "work makes wear of {joints} likely: replays shall tell")
+UNTOLD = Sentence("joints_untold", "work does not tell enough of {joints}: after {days:g} days a replay is needed")
+AT_LATEST = Sentence("replay_at_latest", "{days:g} days after the last replay")
+ONE_JOINT, SEVERAL_JOINTS = Sentence("joint_by_number", "joint {joint}"), Sentence("joints_by_number", "joints {joints}")
 
 
 class Told(NamedTuple):
@@ -32,7 +43,7 @@ class Need(NamedTuple):
     """From when a replay is needed, and why."""
 
     from_unix_s: float  # −∞: now
-    why: str
+    why: Reason
 
     def at(self, unix_s: float) -> bool:
         """Whether it is needed at that time."""
@@ -42,21 +53,21 @@ class Need(NamedTuple):
 def need(settings: ScheduleSettings, told: Told) -> Need:
     """From when the next replay is needed."""
     if settings.replay == ALWAYS:
-        return Need(-math.inf, "every window")
+        return Need(-math.inf, EVERY_WINDOW())
     if told.began_unix_s is None or told.replayed_unix_s is None or not told.joints_unix_s:
-        return Need(-math.inf, "nothing is learnt yet")
+        return Need(-math.inf, NOTHING_LEARNT_YET())
     learnt_by = told.began_unix_s + DAY_S * settings.learning_days
     if told.replayed_unix_s < learnt_by:
-        return Need(-math.inf, f"the first {settings.learning_days:g} days, in which the arm is learnt")
+        return Need(-math.inf, IS_LEARNT(days=settings.learning_days))
     if told.asks:
-        return Need(-math.inf, f"work alone has found wear of {_joints(told.asks)}: a replay shall confirm it")
+        return Need(-math.inf, PRODUCTION_ASKS(joints=_joints(told.asks)))
     if told.doubted:
-        return Need(-math.inf, f"the last replays make a change of {_joints(told.doubted)} likely: the next ones shall tell")
+        return Need(-math.inf, DOUBTED(joints=_joints(told.doubted)))
     at_latest = _at_latest(settings, told.replayed_unix_s, told.joints_unix_s)
     if told.suspects:
         again = told.replayed_unix_s + DAY_S * (suspected_days(settings) - 0.5)  # windows are not always at the same time of the day
         if again <= at_latest.from_unix_s:
-            return Need(again, f"work makes wear of {_joints(told.suspects)} likely: replays shall tell")
+            return Need(again, PRODUCTION_SUSPECTS(joints=_joints(told.suspects)))
     return at_latest
 
 
@@ -67,8 +78,8 @@ def _at_latest(settings: ScheduleSettings, replayed_unix_s: float, joints_unix_s
     untold = oldest + DAY_S * settings.unobserved_days
     if untold < last:
         joints = [j + 1 for j, at in enumerate(joints_unix_s) if at + DAY_S * settings.unobserved_days <= max(untold, oldest) + DAY_S]
-        return Need(untold, f"work does not tell enough of {_joints(joints)}: after {settings.unobserved_days:g} days a replay is needed")
-    return Need(last, f"{settings.at_most_days:g} days after the last replay")
+        return Need(untold, UNTOLD(joints=_joints(joints), days=settings.unobserved_days))
+    return Need(last, AT_LATEST(days=settings.at_most_days))
 
 
 def suspected_days(settings: ScheduleSettings) -> float:
@@ -86,8 +97,8 @@ def needed_windows(windows: Sequence[Window], needed: Need) -> list[Window]:
     return [window for window in windows if needed.at(window.closes_unix_s) or window.why == "evidence"]
 
 
-def _joints(numbers: Sequence[int]) -> str:
-    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+def _joints(numbers: Sequence[int]) -> Reason:
+    return SEVERAL_JOINTS(joints=numbers) if len(numbers) > 1 else ONE_JOINT(joint=numbers[0])
 
 
 GAP_S = 60.0  # temperatures that were not observed for so long are not known to be steady

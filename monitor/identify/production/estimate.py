@@ -27,7 +27,7 @@ from monitor.identify.production.information import (
     between_paths,
     noise_scale,
 )
-from monitor.reason import joint_text
+from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, Array, Mask, known_or_none
 
 SHAPE_STD = 0.4  # by which the change of fv may differ from that of fc, as a fraction of friction
@@ -35,7 +35,17 @@ ANYTHING = 20.0  # times the friction of the replay: what Δ is before any row
 LAW_SHARE = 0.01  # of friction for each factor e between the speeds of work and the reference speed: no law is that of the arm
 LEAST_S = 5.0  # of motion of a joint that tells of it
 KNOWN_SHAPE = 0.15  # fraction of itself to which fc or fv alone must be known to be told
-UNKNOWN_LOAD = "most motion is left out, since something else is in the hand than was declared: declare it (set_payload), or replay with it"
+UNKNOWN_LOAD = Sentence(
+    "production_unknown_load",
+    "most motion is left out, since something else is in the hand than was declared: declare it (set_payload), or replay with it",
+)
+IN_ONE_DAY, IN_DAYS = Sentence("in_one_day", "in {days:g} day"), Sentence("in_days", "in {days:g} days")
+HARDLY_MOVED = Sentence("production_hardly_moved", "{joint:joint}: it moved for {moving_s:.0f} s {during}; a replay is needed")
+TOO_LITTLE = Sentence("production_too_little", "{joint:joint}: {share:.2g} of what is needed {during}; a replay is needed")
+NO_MORE = Sentence(
+    "production_tells_no_more",
+    "{joint:joint}: {share:.2g} of what is needed {during}; more of the same work tells no more; a replay is needed",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +65,7 @@ class ProductionEstimate:
     end_unix_s: float
     share: Array  # (J,) information held beside what the stated deviation needs; 1 and more: known
     known: Mask  # (J,)
-    reasons: tuple[str, ...]  # why a joint is not known, one sentence a joint, and what would help all of them
+    reasons: tuple[Reason, ...]  # why a joint is not known, one sentence a joint, and what would help all of them
     left_out_s: Mapping[str, float]  # cause → seconds
     seen_s: float  # seconds listened to
 
@@ -87,7 +97,7 @@ class ProductionEstimate:
             "begin_unix_s": self.begin_unix_s,
             "end_unix_s": self.end_unix_s,
             "joints": joints,
-            "reasons": list(self.reasons),
+            "reasons": [reason.document() for reason in self.reasons],
             "seen_s": self.seen_s,
             "left_out_s": dict(self.left_out_s),
         }
@@ -99,7 +109,7 @@ def estimate(
     settings: ProductionSettings,
     now_unix_s: float,
     *,
-    during: str | None = None,
+    during: Reason | None = None,
     past: ProductionInformation | None = None,
 ) -> ProductionEstimate:
     """What the work of the last `period_days` tells of friction.
@@ -127,11 +137,11 @@ def estimate(
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(told & (F > 0.0), (settings.deviation * F / std) ** 2, 0.0)
     known = share >= 1.0
-    days = f"in {settings.period_days:g} day{'' if settings.period_days == 1 else 's'}" if during is None else during
+    days = (IN_ONE_DAY if settings.period_days == 1 else IN_DAYS)(days=settings.period_days) if during is None else during
     saturated = common > settings.deviation * F
     reasons = tuple(_reason(j, float(share[j]), float(moving[j]), bool(saturated[j]), days) for j in range(J) if not known[j])
     if left.get("payload_unknown", 0.0) > float(np.max(moving)):
-        reasons = (*reasons, UNKNOWN_LOAD)
+        reasons = (*reasons, UNKNOWN_LOAD())
     weight = np.zeros((2, J)) if chosen is None else chosen.temperature
     with np.errstate(invalid="ignore", divide="ignore"):
         temperature, speed = weight[0] / weight[1], (np.zeros(J) if chosen is None else chosen.speed) / moving
@@ -155,12 +165,11 @@ def estimate(
     )
 
 
-def _reason(j: int, share: float, moving_s: float, saturated: bool, during: str) -> str:
+def _reason(j: int, share: float, moving_s: float, saturated: bool, during: Reason) -> Reason:
     """Why joint j (from 0) is not known."""
     if moving_s < LEAST_S:
-        return f"{joint_text(j + 1)}: it moved for {moving_s:.0f} s {during}; a replay is needed"
-    more = "; more of the same work tells no more" if saturated else ""
-    return f"{joint_text(j + 1)}: {min(share, 0.99):.2g} of what is needed {during}{more}; a replay is needed"
+        return HARDLY_MOVED(joint=j + 1, moving_s=moving_s, during=during)
+    return (NO_MORE if saturated else TOO_LITTLE)(joint=j + 1, share=min(share, 0.99), during=during)
 
 
 def _chosen(information: ProductionInformation, settings: ProductionSettings) -> tuple[Sums | None, float]:

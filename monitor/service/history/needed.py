@@ -87,7 +87,7 @@ def from_production_document(store: Store, state: EstimatorState, needed: NextRe
                 learnt_at=utc_if(plain(history.learnt_at_unix_s[j])),
                 learnt_from_replays=int(replays[j]),
                 learnt_from_production=int(periods[j]),
-                **worded(reason=seen.reasons[j] if j < len(seen.reasons) else ""),
+                **worded(reason=(seen.reasons[j] if j < len(seen.reasons) else None) or ""),
             )
             for j in range(belief.joints)
         ],

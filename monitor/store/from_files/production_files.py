@@ -20,12 +20,13 @@ from monitor.identify.production.information import ProductionInformation
 from monitor.identify.signals.cleaning import cleaned
 from monitor.identify.signals.motion import refuse_other_arm, refuse_twice
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import Sentence
 from monitor.recording import DAY_S, Array, Recording, known_or_none
 from monitor.store.formats.recordings import read_production, read_recording
 from monitor.store.from_files.archived_files import local_file
 from monitor.store.store import Store
 
-DURING = "in these recordings"
+DURING = Sentence("in_recordings", "in these recordings")
 CLEAR = 2.0  # deviations from which friction is another than in the replay
 
 
@@ -78,7 +79,7 @@ def listen_to_files(
         total = total + told
     now = max((sums.end_unix_s for sums in total.cells.values()), default=0.0)
     days = 1.0 + (now - min((sums.begin_unix_s for sums in total.cells.values()), default=now)) / DAY_S
-    found = estimate(total, arm.identification, replace(request.settings, period_days=max(days, 1.0)), now, during=DURING)
+    found = estimate(total, arm.identification, replace(request.settings, period_days=max(days, 1.0)), now, during=DURING())
     return {
         "robot": arm.robot.name,
         "replay": _replay_document(source, arm, request.settings),

@@ -91,7 +91,7 @@ def print_listened(document: dict[str, Any]) -> None:
         )
     console.print(table)
     for reason in document["reasons"]:
-        console.print(reason, highlight=False, markup=False)
+        console.print(reason["text"], highlight=False, markup=False)
     for warning in document["warnings"]:
         console.print(f"[yellow]{warning['code']}[/]: {escape(warning['text'])}", highlight=False)
 

@@ -148,8 +148,8 @@ class PageApp:
             response.headers["Content-Security-Policy"] = REPORT_POLICY
         return response
 
-    async def _about(self, _: Request) -> Response:
-        return JSONResponse(self._content.about)
+    async def _about(self, request: Request) -> Response:
+        return JSONResponse(self._pages.language(request).document(self._content.about))
 
     def _document_of(self, read: Callable[[], dict[str, Any]]) -> Endpoint:
         """An endpoint that answers with what `read` returns. It reads in a thread, so that SQL does not hold up the streams."""

@@ -32,9 +32,9 @@ function attribution(parts) {
 
 // the probability of the change that the condition is about, as a sentence; null for a condition of the data, which has none
 function probability(alert) {
-  const condition = about.conditions[alert.condition], what = condition ? condition.probability_of : null;
+  const condition = about.conditions[alert.condition], what = condition && condition.probability_of ? condition.probability_of.text : null;
   const chance = alert.probability > 0.9999 ? t("more than {percent} %", { percent: number(99.99, 2) }) : `${number(100 * alert.probability, 2)} %`;  // it never reaches 100 %
-  return what && t("Probability that friction {what}: {chance}. Change {change}.", { what: t(what), chance, change: percent(alert.change) });
+  return what && t("Probability that friction {what}: {chance}. Change {change}.", { what, chance, change: percent(alert.change) });
 }
 
 function stepsOf(alert) {
