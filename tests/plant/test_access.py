@@ -235,8 +235,13 @@ def test_the_check_of_a_plant_asks_every_monitor_with_the_plants_own_certificate
     robot = {"model": "ur5e", "site": "hall-1", "id": "cell-1", "host": "10.0.9.9"}
     info = {"robot": robot, "version": "0.0.1", "host": "ipc", "trajectory_digest": "a", "started_at": now.isoformat()}
     nothing = {"lag_s": None, "last_replay": None, "next_replay_due": None, "next_replay_why": None, "reload": None}
-    of_program = {"version": "0.0.1", "programs": {}, "started_at": now.isoformat(), "uptime_s": 1.0, "bus": {}, "store": {}, "process": {}}
-    monitor = {**nothing, **of_program, "workers": {}, "overrides": [], "troubles": [], "arm": {"heard": True}}
+    of_program = {"version": "0.0.1", "programs": {}, "started_at": now.isoformat(), "uptime_s": 1.0}
+    of_computer = {
+        "bus": {"to_send": 0, "to_answer": 0, "dropped": 0},
+        "store": {"history_bytes": 1, "last_backup_at": None, "free_bytes": None, "sqlite": "3"},
+        "process": {"resident_bytes": None, "cpu_s": 0.0, "threads": 1, "pid": 1, "pid_namespace": None},
+    }
+    monitor = {**nothing, **of_program, **of_computer, "workers": {}, "overrides": [], "troubles": [], "arm": {"heard": True}}
     for ahead, cause in ((timedelta(hours=3), "clock"), (timedelta(hours=-3), "silent")):
         world.bus.say(raw("info", info))
         world.bus.say(raw("monitor", {**monitor, "said_at": (now + ahead).isoformat()}))
