@@ -295,10 +295,10 @@ DAEMON = """
 import sys, time
 from pathlib import Path
 from monitor.config.load import load
-from monitor.service.production import ordinary_work
+from monitor.service import production
 from monitor.service.run import serve
 from monitor.service.scheduler import Clocks
-ordinary_work.BLOCK_S, ordinary_work.KEEP_EVERY_S, ordinary_work.PAUSE_S = 3.0, 0.5, 0.1  # a minute of work in three seconds
+production.BLOCK_S, production.KEEP_EVERY_S, production.PAUSE_S = 3.0, 0.5, 0.1  # a minute of work in three seconds
 began = time.monotonic()
 serve(load(Path(sys.argv[1])), clocks=Clocks(now=lambda: float(sys.argv[2]) + time.monotonic() - began))
 """
