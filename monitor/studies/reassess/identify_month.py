@@ -61,8 +61,8 @@ def keep_memory() -> bool:
 
 # what decides an identification, and what decides a verdict besides: another text of one of them makes another result
 IDENTIFIES = (
-    "recording.py", "errors.py", "identify", "model", "judge/assess.py", "store/formats/columns.py", "store/formats/recordings.py",
-    "studies/reassess/identify_month.py",
+    "recording.py", "errors.py", "reason.py", "identify", "model", "judge/assess.py", "store/formats/columns.py",
+    "store/formats/recordings.py", "studies/reassess/identify_month.py",
 )  # fmt: skip
 JUDGES = (*IDENTIFIES, "judge", "service/history", "studies/reassess")
 
