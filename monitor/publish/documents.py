@@ -7,6 +7,7 @@ from the beginning. Times are UTC, RFC 3339; units stand in the names; null mean
 from datetime import datetime
 from typing import Annotated, Any, TypeVar
 
+import numpy as np
 import orjson
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
@@ -87,7 +88,10 @@ def worded_json(**texts: str | Reason | None) -> dict[str, Any]:
     return as_json(Worded.model_validate(worded(**texts)))
 
 
-def _fields(value: object) -> dict[str, Any]:
+def _fields(value: object) -> dict[str, Any] | list[Any]:
+    if isinstance(value, np.ndarray):  # one whose rows do not lie one after another
+        rows: list[Any] = value.tolist()
+        return rows
     if not isinstance(value, BaseModel):
         raise TypeError(f"{type(value).__name__} is no part of a document")
     return {**value.__dict__, **(value.__pydantic_extra__ or {})}

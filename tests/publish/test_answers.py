@@ -15,7 +15,7 @@ from monitor.errors import BadInput
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.model.robot import Mounting, load_robot
-from monitor.publish.documents import Torque
+from monitor.publish.documents import Torque, as_json
 from monitor.publish.torque import torque_answer
 from monitor.recording import Recording
 
@@ -158,3 +158,12 @@ def test_null_means_that_an_argument_is_not_given():
         asked = {"q": rows, "qd": STATE["qd"], "qdd": None, "temperature_c": None}
         given = {"q": rows, "qd": STATE["qd"], "qdd": [0.0] * 6, "temperature_c": [30.0] * 6}
         assert np.array_equal(torque_answer(MODEL, UR5, present, asked).torque_nm, torque_answer(MODEL, UR5, None, given).torque_nm)
+
+
+def test_one_temperature_for_many_samples_is_answered_in_json():
+    """Figures travel also where one row stands for all samples, as the same rows given one by one."""
+    q, temperature_c = [[0.1] * 6, [0.2] * 6, [0.3] * 6], [30.0 + j for j in range(6)]
+    one = torque_answer(MODEL, UR5, None, {"q": q, "qd": q, "temperature_c": [temperature_c]})
+    many = torque_answer(MODEL, UR5, None, {"q": q, "qd": q, "temperature_c": [temperature_c] * 3})
+    assert as_json(one) == as_json(many)
+    assert as_json(one)["temperature_c"] == [temperature_c] * 3
