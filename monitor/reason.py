@@ -120,12 +120,18 @@ class Sentence:
 
 ANYTHING = Sentence(FREE, "{text}")
 SEVERAL = Sentence("several", "{reasons:each}")
+ONE_JOINT, SEVERAL_JOINTS = Sentence("joint_by_number", "joint {joint}"), Sentence("joints_by_number", "joints {joints}")
 OF_NO_LANGUAGE = frozenset({FREE, SEVERAL.code})  # sentences without a word of their own: every language has them
 
 
 def reason_of(said: "str | Reason") -> Reason:
     """A reason as it is; a text as a reason without a code of its own."""
     return said if isinstance(said, Reason) else ANYTHING(text=said)
+
+
+def joints_by_number(joints: Sequence[int]) -> Reason:
+    """Joints (from 1) by their numbers alone, as a part of a sentence."""
+    return SEVERAL_JOINTS(joints=joints) if len(joints) > 1 else ONE_JOINT(joint=joints[0])
 
 
 def together(*reasons: Reason | None) -> Reason:

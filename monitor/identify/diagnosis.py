@@ -19,7 +19,7 @@ from monitor.identify.signals.order import median
 from monitor.identify.warnings import MOVING_SHARE, moving_share
 from monitor.model.friction import smooth_sign
 from monitor.model.robot import Robot
-from monitor.reason import Reason, Sentence
+from monitor.reason import Reason, Sentence, joints_by_number
 from monitor.recording import Array, Mask
 
 POOR = 0.15  # of the torque's RMS: the residual of real arms in motion is 2–9 % of it
@@ -51,9 +51,10 @@ COUPLED = Sentence(
     "expected the arm with its coupling, by --robot arm.toml or the transmissions of --urdf",
 )
 BY_OTHER_JOINT = Sentence("by_other_joint", "; the motion of joint {other} explains most of it: coupled axes, or exchanged columns")
+ALL_JOINTS = Sentence("all_joints", "all joints")
 TORQUE_DELAYED = Sentence(
     "torque_delayed",
-    "current or torque of {joints:word} comes about {late_ms:.0f} ms {order:word} than the motion: "
+    "current or torque of {joints} comes about {late_ms:.0f} ms {order:word} than the motion: "
     "this looks like viscous friction, and fv is not to be trusted",
 )
 TORQUE_SMOOTHED = Sentence(
@@ -128,12 +129,12 @@ def _late(traces: _Traces, seen: Mask) -> Iterator[Reason]:
     certainty = np.where(seen, 1.0 / np.maximum(std, 1e-6) ** 2, 0.0)
     mean, mean_std = float(certainty @ np.nan_to_num(late) / np.sum(certainty)), float(1.0 / np.sqrt(np.sum(certainty)))
     if min(abs(middle), abs(mean)) > LATE_ALL_S and middle * mean > 0.0 and abs(mean) > SURE * mean_std:
-        joints, size = "all joints", middle
+        joints, size = ALL_JOINTS(), middle
     else:
         beyond = np.flatnonzero(sure & (np.abs(late - middle) > LATE_S))
         if not len(beyond):
             return
-        joints, size = f"joint{'s' if len(beyond) > 1 else ''} {', '.join(str(j + 1) for j in beyond)}", float(late[beyond[0]])
+        joints, size = joints_by_number([int(j) + 1 for j in beyond]), float(late[beyond[0]])
     yield TORQUE_DELAYED(joints=joints, late_ms=1e3 * abs(size), order="later" if size > 0.0 else "earlier")
 
 

@@ -11,7 +11,7 @@ import pytest
 from lived_monitor import configuration, monitor
 from published import raw
 
-from monitor.acquire.schedule.needed import ONE_JOINT, UNTOLD
+from monitor.acquire.schedule.needed import UNTOLD
 from monitor.identify.production.estimate import HARDLY_MOVED, IN_DAYS
 from monitor.judge.document import plain
 from monitor.judge.inspection import InspectionSettings
@@ -19,7 +19,7 @@ from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
 from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay, as_json, worded
 from monitor.publish.timestamps import utc
-from monitor.reason import joint_name, reason_of
+from monitor.reason import joint_name, joints_by_number, reason_of
 from monitor.service.lending import DueReplay
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
@@ -511,7 +511,7 @@ def test_a_joint_says_what_came_from_production_and_how_far_the_next_replay_is(o
     at = store.assessments.state().belief["at_unix_s"]
     joint = {"known": False, "share": 0.02, "learnt_from_replays": 40, "learnt_from_production": 3, "learnt_at": utc(at)}
     reason = worded(reason=HARDLY_MOVED(joint=3, moving_s=0.0, during=IN_DAYS(days=7.0)))
-    why = worded(why=UNTOLD(joints=ONE_JOINT(joint=3), days=7.0))
+    why = worded(why=UNTOLD(joints=joints_by_number([3]), days=7.0))
     document = FromProduction(
         period_began_at=utc(at),
         period_ended_at=utc(at),

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from monitor.acquire.schedule.windows import ScheduleSettings, Window
-from monitor.reason import Reason, Sentence
+from monitor.reason import Reason, Sentence, joints_by_number
 from monitor.recording import DAY_S
 
 ALWAYS, WHEN_NEEDED = "always", "when_needed"
@@ -25,7 +25,6 @@ DOUBTED = Sentence("change_doubted", "the last replays make a change of {joints}
 PRODUCTION_SUSPECTS = Sentence("production_suspects", "work makes wear of {joints} likely: replays shall tell")
 UNTOLD = Sentence("joints_untold", "work does not tell enough of {joints}: after {days:g} days a replay is needed")
 AT_LATEST = Sentence("replay_at_latest", "{days:g} days after the last replay")
-ONE_JOINT, SEVERAL_JOINTS = Sentence("joint_by_number", "joint {joint}"), Sentence("joints_by_number", "joints {joints}")
 
 
 class Told(NamedTuple):
@@ -60,14 +59,14 @@ def need(settings: ScheduleSettings, told: Told) -> Need:
     if told.replayed_unix_s < learnt_by:
         return Need(-math.inf, IS_LEARNT(days=settings.learning_days))
     if told.asks:
-        return Need(-math.inf, PRODUCTION_ASKS(joints=_joints(told.asks)))
+        return Need(-math.inf, PRODUCTION_ASKS(joints=joints_by_number(told.asks)))
     if told.doubted:
-        return Need(-math.inf, DOUBTED(joints=_joints(told.doubted)))
+        return Need(-math.inf, DOUBTED(joints=joints_by_number(told.doubted)))
     at_latest = _at_latest(settings, told.replayed_unix_s, told.joints_unix_s)
     if told.suspects:
         again = told.replayed_unix_s + DAY_S * (suspected_days(settings) - 0.5)  # windows are not always at the same time of the day
         if again <= at_latest.from_unix_s:
-            return Need(again, PRODUCTION_SUSPECTS(joints=_joints(told.suspects)))
+            return Need(again, PRODUCTION_SUSPECTS(joints=joints_by_number(told.suspects)))
     return at_latest
 
 
@@ -78,7 +77,7 @@ def _at_latest(settings: ScheduleSettings, replayed_unix_s: float, joints_unix_s
     untold = oldest + DAY_S * settings.unobserved_days
     if untold < last:
         joints = [j + 1 for j, at in enumerate(joints_unix_s) if at + DAY_S * settings.unobserved_days <= max(untold, oldest) + DAY_S]
-        return Need(untold, UNTOLD(joints=_joints(joints), days=settings.unobserved_days))
+        return Need(untold, UNTOLD(joints=joints_by_number(joints), days=settings.unobserved_days))
     return Need(last, AT_LATEST(days=settings.at_most_days))
 
 
@@ -95,10 +94,6 @@ def suspicion_asks(settings: ScheduleSettings, replayed_unix_s: float | None, ju
 def needed_windows(windows: Sequence[Window], needed: Need) -> list[Window]:
     """The windows in which a replay is needed, as far as can be told now: of those that need one, each needs it until a replay."""
     return [window for window in windows if needed.at(window.closes_unix_s) or window.why == "evidence"]
-
-
-def _joints(numbers: Sequence[int]) -> Reason:
-    return SEVERAL_JOINTS(joints=numbers) if len(numbers) > 1 else ONE_JOINT(joint=numbers[0])
 
 
 GAP_S = 60.0  # temperatures that were not observed for so long are not known to be steady

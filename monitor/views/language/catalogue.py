@@ -35,6 +35,16 @@ NAMES = (  # how windows, alerts, causes and parts of the monitor are named in d
     N_("screws and bolts on joints"), N_("monitor_silent"), N_("plant_silent"), N_("unacknowledged"), N_("unshelved"), N_("serviced"),
     N_("protective_stop"), N_("approach_near"), N_("look"), N_("acknowledge"), N_("move"), N_("configure"), N_("cold start"),
     N_("evidence"), N_("learning"), N_("every"), N_("cron"), N_("asked for"), N_("no permission"), N_("missed"),
+    N_("stopping"), N_("playing"), N_("pausing"), N_("paused"), N_("resuming"), N_("unknown"), N_("no controller"), N_("disconnected"),
+    N_("confirm safety"), N_("booting"), N_("power off"), N_("power on"), N_("idle"), N_("backdrive"), N_("running"),
+    N_("updating firmware"), N_("normal"), N_("reduced"), N_("protective stop"), N_("recovery"), N_("safeguard stop"),
+    N_("system emergency stop"), N_("robot emergency stop"), N_("reset"), N_("shutting down"), N_("part D calibration"), N_("back-drive"),
+    N_("ready for power off"), N_("not responding"), N_("motor initialisation"), N_("part D calibration error"), N_("bootloader"),
+    N_("calibration"), N_("later"), N_("earlier"), N_("grows"), N_("falls"), N_("time is in milliseconds"),
+    N_("time is in microseconds"), N_("time is in nanoseconds"), N_("positions are in degrees"), N_("speeds are in degrees a second"),
+    N_("accelerations are in degrees a second squared"), N_("current"), N_("torque"), N_("position"), N_("speed"), N_("acceleration"),
+    N_("speed at the start"), N_("acceleration at the start"), N_("elbow"), N_("flange"), N_("TCP"), N_("joint_serials"),
+    N_("emergency_stop"), N_("safeguard_stop"), N_("safety"),
 )  # fmt: skip
 
 
