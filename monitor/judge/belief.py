@@ -220,5 +220,5 @@ def belief_from_document(document: Any) -> Belief:
             f"belief: schema_version is {version!r}; this release reads {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
-    J = len(array(document, "reference_temperature_c", (-1,), where="belief"))
+    J = len(array(entry(document, "reference_temperature_c", where="belief"), "J", "belief: reference_temperature_c", {}))
     return typed(Belief, document, where="belief", sizes={"J": J, "N": J, "W": WINDOW})

@@ -88,10 +88,10 @@ def _value(hint: Any, given: Any, where: str, sizes: Sizes, complete: bool) -> A
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         if get_origin(arguments[0]) is np.ndarray:
-            return _array(given, str(arguments[1]), where, sizes)
+            return array(given, str(arguments[1]), where, sizes)
         return _value(arguments[0], given, where, sizes, complete)
     if origin is np.ndarray:
-        return _array(given, None, where, sizes)
+        return array(given, None, where, sizes)
     if origin is Literal:
         if given in arguments:
             return given
@@ -127,7 +127,7 @@ def _value(hint: Any, given: Any, where: str, sizes: Sizes, complete: bool) -> A
     raise BadInput(f"{where} is {given!r}; expected {getattr(hint, '__name__', hint)}")
 
 
-def _array(given: Any, dimensions: str | None, where: str, sizes: Sizes) -> Array:
+def array(given: Any, dimensions: str | None, where: str, sizes: Sizes) -> Array:
     """Numbers, null as NaN, whose dimensions have the lengths that their names have."""
     try:
         value: Array = np.array(given, dtype=float)
@@ -152,17 +152,3 @@ def entry(document: Any, key: str, *, where: str) -> Any:
     if not isinstance(document, Mapping) or key not in document:
         raise BadInput(f"{where}: the key {key!r} is missing")
     return document[key]
-
-
-def array(document: Any, key: str, shape: tuple[int, ...], *, where: str) -> Array:
-    """The numbers under a key, null as NaN; −1 in `shape` is any length.
-
-    Raises BadInput naming the key, its shape and the shape expected.
-    """
-    try:
-        value = np.array(entry(document, key, where=where), dtype=float)
-    except (TypeError, ValueError):
-        raise BadInput(f"{where}: {key} is not an array of numbers") from None
-    if value.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, value.shape, strict=True)):
-        raise BadInput(f"{where}: {key} has shape {value.shape}; expected {shape}")
-    return value

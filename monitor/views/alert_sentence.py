@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.publish.timestamps import unix_s
 from monitor.recording import DAY_S
-from monitor.views.history import PRODUCTION
+from monitor.views.history import MAINTENANCE
 from monitor.views.language.catalogue import Language, around, day, since, span, utc
 
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
@@ -51,7 +51,7 @@ def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say:
 def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
     joint, condition, who = alert["joint"], alert["condition"], say.name(alert["joint"])
     if alert.get("awaiting_proof") and alert.get("serviced_at"):
-        when, act = unix_s(alert["serviced_at"]), PRODUCTION.get(alert["serviced_kind"], alert["serviced_kind"])
+        when, act = unix_s(alert["serviced_at"]), MAINTENANCE.get(alert["serviced_kind"], alert["serviced_kind"])
         return say.say(
             "{joint}: {work} {when}. The next replays show whether it helped.",
             joint=who,

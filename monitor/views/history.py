@@ -48,7 +48,7 @@ def runs(windows: Sequence[Window]) -> list[list[Window]]:
 # --- What happened to an arm that its charts must show: work on a joint, another tool, another payload ---
 
 N_ = str  # marks a text for the catalogue
-PRODUCTION = {
+MAINTENANCE = {
     "greased": N_("greased"),
     "replaced": N_("replaced"),
     "overhauled": N_("overhauled"),
@@ -80,7 +80,7 @@ def mark_text(document: Mapping[str, Any]) -> str | None:
     """What was done to the joint, of a transition that work made; None for another transition of an alert."""
     kind = document.get("serviced_kind")
     because = document.get("kind") == "serviced" or document.get("reasons", {}).get("cleared_why", {}).get("code") == SERVICED.code
-    return PRODUCTION.get(str(kind), str(kind)) if because and kind else None
+    return MAINTENANCE.get(str(kind), str(kind)) if because and kind else None
 
 
 def marks(maintenance: Sequence[Mapping[str, Any]], contexts: Sequence[Mapping[str, Any]]) -> list[Mark]:
@@ -92,7 +92,7 @@ def marks(maintenance: Sequence[Mapping[str, Any]], contexts: Sequence[Mapping[s
     found = []
     for (at, kind), group in groupby(maintenance, key=lambda act: (float(act["at_unix_s"]), str(act["kind"]))):
         same = list(group)
-        text, renews = PRODUCTION.get(kind, kind), [act for act in same if act.get("outcome") in RENEWS]
+        text, renews = MAINTENANCE.get(kind, kind), [act for act in same if act.get("outcome") in RENEWS]
         if kind in ("maintenance", "joint_serials"):  # declared of the arm: the joints that it moved have a mark that renews them
             found += [Mark(at, None, text, False), *(Mark(at, int(act["joint"]), text, True) for act in renews)]
         else:

@@ -8,7 +8,7 @@ from monitor.judge.inspection import MUST_BE_MADE
 from monitor.publish.timestamps import unix_s
 from monitor.reason import reason_at
 from monitor.recording import DAY_S
-from monitor.views.history import PRODUCTION, cause
+from monitor.views.history import MAINTENANCE, cause
 from monitor.views.language.catalogue import Language, day, full_day, moment, utc
 from monitor.views.report.html import Column, Markup, bullets, escaped, heading, paragraph, table
 
@@ -115,7 +115,7 @@ def maintenance_table(report: Mapping[str, Any], say: Language) -> list[str]:
         if act["undone_at"]:
             meant = say.say("Taken back by {who}, {when}.", who=act["undone_by"], when=moment(unix_s(act["undone_at"]), say))
         by = ": ".join(filter(None, (act["by"], act["why"])))
-        rows.append([moment(unix_s(act["at"]), say), say.name(act["joint"]), say.say(PRODUCTION.get(act["kind"], act["kind"])), by, meant])
+        rows.append([moment(unix_s(act["at"]), say), say.name(act["joint"]), say.say(MAINTENANCE.get(act["kind"], act["kind"])), by, meant])
     titles = [say.say("When"), "", say.say("What"), say.say("by whom and why"), say.say("what it meant")]
     return [heading(say.say("Work on joints"), 3), table(titles, rows)]
 
@@ -128,7 +128,7 @@ def draw_maintenance(one: Any, report: Mapping[str, Any], joint: int, last: date
             continue
         one.axvline(when, color="#333333", lw=0.8, ls=":")
         beside = {"xycoords": ("data", "axes fraction"), "xytext": (2, -2), "textcoords": "offset points"}
-        one.annotate(say.say(PRODUCTION.get(act["kind"], act["kind"])), (when, 1.0), fontsize="x-small", va="top", **beside)
+        one.annotate(say.say(MAINTENANCE.get(act["kind"], act["kind"])), (when, 1.0), fontsize="x-small", va="top", **beside)
 
 
 # --- Inspection duties in the report: operating hours, stops of the safety system, and checks with their due dates ---
