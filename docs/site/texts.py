@@ -1,6 +1,7 @@
 """Write the catalogues of page and report: every text that they say, with the translations so far, and the compiled form.
 
 `make texts` runs it. What is new stands in the .po file without a translation, for a person to translate; then run it again.
+With `--check` nothing is written; the exit code is 1 where a text is missing or a catalogue would change.
 """
 
 import importlib
@@ -94,25 +95,31 @@ def compiled(catalogue: Catalog) -> bytes:
     return made.getvalue()
 
 
-def main() -> int:
-    """1 where a text has no translation yet."""
-    missing = 0
+def main(argv: list[str]) -> int:
+    """1 where a text has no translation yet or, with --check, where a catalogue would change."""
+    check, wrong = argv == ["--check"], 0
+    every_text = template()
     for folder in sorted(path for path in LOCALE.iterdir() if path.is_dir()):
         catalogue = read(folder.name)
         dated = catalogue.creation_date  # kept, so that the same texts make the same files
-        catalogue.update(template(), no_fuzzy_matching=True)
+        catalogue.update(every_text, no_fuzzy_matching=True)
         catalogue.creation_date = dated
         catalogue.obsolete.clear()
         for message in catalogue:
             if message.id and not message.string:
                 sys.stdout.write(f"{folder.name}: not translated: {f'{message.context}: ' if message.context else ''}{message.id}\n")
-                missing += 1
+                wrong += 1
+        written = io.BytesIO()
+        write_po(written, catalogue, width=0, include_lineno=False, sort_output=True, omit_header=False)
         target = folder / "LC_MESSAGES" / "joint_monitor"
-        with target.with_suffix(".po").open("wb") as file:
-            write_po(file, catalogue, width=0, include_lineno=False, sort_output=True, omit_header=False)
-        target.with_suffix(".mo").write_bytes(compiled(catalogue))
-    return int(missing > 0)
+        for path, content in ((target.with_suffix(".po"), written.getvalue()), (target.with_suffix(".mo"), compiled(catalogue))):
+            if check and path.read_bytes() != content:
+                sys.stdout.write(f"{path.relative_to(ROOT)} is not what `make texts` writes\n")
+                wrong += 1
+            elif not check:
+                path.write_bytes(content)
+    return int(wrong > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))
