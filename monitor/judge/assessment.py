@@ -43,7 +43,7 @@ class JointFriction:
     reference_torque_std_nm: float | None
     wear: float  # fraction of friction torque since the beginning
     wear_std: float
-    wear_rate_per_day: float  # per usual day of work
+    wear_rate_per_day: float  # per usual day of usage
     wear_rate_std_per_day: float
     remaining_life: RemainingLife
     revolutions: float | None  # counted until this replay

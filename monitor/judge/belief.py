@@ -35,7 +35,7 @@ class Belief:
 
     robot: str
     reference_speed_rad_s: float
-    at_unix_s: float  # of the last replay, or the end of the last period of work that was judged
+    at_unix_s: float  # of the last replay, or the end of the last period of production that was judged
     began_at_unix_s: float
     replays: int
     days: int  # UTC days with a replay
@@ -62,7 +62,7 @@ class Belief:
     undeclared_level: UndeclaredLevel | None = None  # of weights that contradict the context in force, and have a level of their own
     undeclared_candidate: UndeclaredLevel | None = None  # likewise, after too few replays for one
     schema_version: int = BELIEF_SCHEMA
-    production: ProductionHistory | None = None  # observations from the arm's ordinary work; None: there was none
+    production: ProductionHistory | None = None  # observations from production; None: there was none
 
     @property
     def joints(self) -> int:
@@ -121,13 +121,13 @@ class Belief:
 
     @property
     def awaiting_proof(self) -> np.ndarray:
-        """(J,) joints with work that is not judged yet."""
+        """(J,) joints with maintenance that is not judged yet."""
         awaiting_proof = np.zeros(self.joints, dtype=bool)
         awaiting_proof[[act.joint - 1 for act in self.maintenance if act.waiting]] = True
         return awaiting_proof
 
     def counted_since(self, joint: int) -> Maintenance | None:
-        """The work on a joint (from 1) since which its friction counts; None: since the beginning."""
+        """The maintenance of a joint (from 1) since which its friction counts; None: since the beginning."""
         return next((act for act in reversed(self.maintenance) if act.joint == joint and not act.waiting), None)
 
     @property

@@ -1,4 +1,4 @@
-"""Work on joints, belief → belief: when it is declared, and when the replays after it have shown what it did."""
+"""Maintenance of joints, belief → belief: when it is declared, and when the replays after it have shown what it did."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ from monitor.judge.temperature.laws import TemperatureSettings
 
 
 def begin_maintenance(belief: Belief, maintenance: tuple[Maintenance, ...]) -> tuple[Belief, tuple[Maintenance, ...]]:
-    """The belief with these works, before the next replay, and the works as they stand in it.
+    """The belief with this maintenance, before the next replay, and the maintenance as it stands in it.
 
-    The wear of a joint that is the same one becomes uncertain. Work that was still waiting on the same joint is superseded.
+    The wear of a joint that is the same one becomes uncertain. Maintenance that was still waiting on the same joint is superseded.
     """
     if not maintenance:
         return belief, ()
@@ -44,7 +44,7 @@ def with_new_joints(belief: Belief, maintenance: tuple[Maintenance, ...], drift:
 
 
 def with_outcomes(belief: Belief, settled: tuple[Maintenance, ...], drift: DriftSettings) -> Belief:
-    """The belief after a replay that judged these works: where friction moved, wear counts from the level after the work."""
+    """The belief after a replay that judged this maintenance: where friction moved, wear counts from the level after it."""
     fresh = [act for act in settled if act.outcome == NEW_REFERENCE]
     which = _mask(belief, fresh)
     if which.any():
@@ -61,7 +61,7 @@ def with_outcomes(belief: Belief, settled: tuple[Maintenance, ...], drift: Drift
             first_log_torque=np.where(which, belief.last_log_torque, belief.first_log_torque),
             first_temperature_c=np.where(which, belief.temperature_c, belief.first_temperature_c),
         )
-    # of each joint stays what waits, and the last work from which its friction counts
+    # of each joint stays what waits, and the last from which its friction counts
     kept = []
     for act in belief.maintenance:
         later = [one for one in belief.maintenance if one.joint == act.joint and one.outcome in (NEW_JOINT, NEW_REFERENCE)]
@@ -71,5 +71,5 @@ def with_outcomes(belief: Belief, settled: tuple[Maintenance, ...], drift: Drift
 
 
 def _mask(belief: Belief, maintenance: list[Maintenance]) -> np.ndarray:
-    """(J,) the joints of these works."""
+    """(J,) the joints of this maintenance."""
     return np.isin(np.arange(1, belief.joints + 1), [act.joint for act in maintenance])

@@ -1,6 +1,6 @@
-"""One period of an arm's ordinary work, belief → belief and health → health.
+"""One period of an arm's production, belief → belief and health → health.
 
-The filter step is that of the replays. Work alone raises an advisory at most: a graver tier asks for a replay, which is the arbiter.
+The filter step is that of the replays. Production alone raises an advisory at most: a graver tier asks for a replay, which is the arbiter.
 """
 
 import math
@@ -27,14 +27,14 @@ from monitor.recording import DAY_S, Array, Context
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProductionAssessment:
-    """What one period of work leads to."""
+    """What one period of production leads to."""
 
     belief: Belief
     health: Health
     transitions: tuple[Transition, ...]
     learnt: np.ndarray  # (J,) joints that the filter learned from
-    asks: tuple[int, ...]  # joints (from 1) of which a replay shall confirm what work alone has found
-    suspects: tuple[int, ...]  # joints (from 1) of which work makes wear likely: replays shall tell
+    asks: tuple[int, ...]  # joints (from 1) of which a replay shall confirm what production alone has found
+    suspects: tuple[int, ...]  # joints (from 1) of which production makes wear likely: replays shall tell
 
 
 def assess_production(
@@ -47,16 +47,16 @@ def assess_production(
     laws: TemperatureSettings,
     limits: HealthSettings,
 ) -> ProductionAssessment:
-    """The verdict of one period of work, with belief and health for what comes next. context : as it is declared for that time.
+    """The verdict of one period of production, with belief and health for what comes next. context : as it is declared for that time.
 
-    Before an arm's first replay there is no belief, and work teaches nothing. Raises BadInput where observation and belief are of
+    Before an arm's first replay there is no belief, and production teaches nothing. Raises BadInput where observation and belief are of
     different arms, or the period ended before the one before it.
     """
     if observation.joints != belief.joints:
-        raise BadInput(f"the observation from work has {observation.joints} joints, the belief {belief.joints}; they must agree")
+        raise BadInput(f"the observation from production has {observation.joints} joints, the belief {belief.joints}; they must agree")
     before = belief.production
     if before is not None and observation.end_unix_s <= before.at_unix_s:
-        raise BadInput(f"this period of work ended {before.at_unix_s - observation.end_unix_s:.0f} s before the one learnt last")
+        raise BadInput(f"this period of production ended {before.at_unix_s - observation.end_unix_s:.0f} s before the one learnt last")
     here = context_of_production(context)
     opened = before is None or before.arm != observation.arm or bool(differences(before.context, here))
     at = max(observation.end_unix_s, belief.at_unix_s)  # a replay may have come before the period was judged
@@ -95,7 +95,7 @@ def _still_asking(before: ProductionHistory | None, resolved: np.ndarray) -> tup
     return () if before is None else tuple(joint for joint in before.asks if not resolved[joint - 1])
 
 
-# --- Information from ordinary work → the observation of one UTC day: each joint is told of by the days since it was told of last ---
+# --- Information from production → the observation of one UTC day: each joint is told of by the days since it was told of last ---
 
 
 def observation_of(
@@ -107,11 +107,11 @@ def observation_of(
     last_day: int,
     arm: str,
 ) -> ProductionObservation | None:
-    """What work until the end of a UTC day (counted from 1970-01-01) tells; None where nothing was listened to in these days.
+    """What production until the end of a UTC day (counted from 1970-01-01) tells; None where nothing was listened to in these days.
 
-    learnt_at_unix_s : (J,) end of the work by which each joint was observed last, NaN: never. No work counts twice: observations of a joint
-    are of days that do not overlap. identification : of the replay whose rigid parameters work is freed from; `arm` names it.
-    Raises BadInput where the information is of another arm.
+    learnt_at_unix_s : (J,) end of the production by which each joint was observed last, NaN: never. No production counts twice:
+    observations of a joint are of days that do not overlap. identification : of the replay whose rigid parameters production is freed
+    from; `arm` names it. Raises BadInput where the information is of another arm.
     """
     J = len(identification.coulomb_nm)
     earliest = last_day + 1 - math.ceil(settings.period_days)

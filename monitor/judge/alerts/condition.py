@@ -92,7 +92,7 @@ class ConditionStatus(NamedTuple):
     text: Callable[[], Reason]  # made only for an alert that is raised, updated or cleared
     attribution: Attribution | None = None
     lowest_at_unix_s: float | None = None  # when the friction was lowest that a rise is counted from; None: the beginning, or no rise
-    from_production: bool = False  # whether the arm's ordinary work shows it
+    from_production: bool = False  # whether production shows it
     restated: bool = False  # whether an active alert says from now on what it did not say before
 
 

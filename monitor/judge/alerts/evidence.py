@@ -168,13 +168,13 @@ CROSSINGS_PER_YEAR = 0.75
 # Share of the standard deviations that wear needs on the replay that finds a rise which began long ago: that it was found is evidence too.
 # With all of them a fifth of slow wear waited for days; with fewer, joints whose noise lasts longer than their fellows' are told of.
 FOUND_SHARE = 0.9
-# The same as long as a rise is held that was found beside observed work. With all of them a quarter of slow wear waited for more than a
-# month.
+# The same as long as a rise is held that was found where production is observed. With all of them a quarter of slow wear waited for more
+# than a month.
 PRODUCTION_FOUND_SHARE = 5.0 / 6.0
 # The same where no change was ever found. The filter lets wear of such a joint wander by little, and noise that lasts for months, or a
 # sensor that drifts, is what it follows.
 UNFOUND_SHARE = 1.18
-PRODUCTION_SIGMAS = 4.0  # of a rise that ordinary work alone may raise as an advisory; a smaller one asks for a replay
+PRODUCTION_SIGMAS = 4.0  # of a rise that production alone may raise as an advisory; a smaller one asks for a replay
 MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
 MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
 
@@ -191,7 +191,7 @@ class WearAfterReplay:
     agreeing: Array  # replays, this one included, that are known to agree with it
     interval_days: Array  # usual time between replays [d]
     changed: np.ndarray  # whether a change was found since the joint was new; True in beliefs of releases that did not remember it
-    risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's work is not observed
+    risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's production is not observed
     channels: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
     # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
     fallen: Array | None = None  # logarithm of that lowest friction over that at the beginning, ≤ 0, running-in left out
@@ -342,7 +342,7 @@ def required_of_joints(after: WearAfterReplay, required: float) -> Array:
     """(N,) standard deviations of wear that an advisory requires. required : after a change that was found some time ago.
 
     With replays alone, a rise needs less on the replay that finds it, where all replays since agree; later, when the size is known better,
-    as much as any. Beside work replays are rare, and it needs less for as long as it is held.
+    as much as any. Where production is observed replays are rare, and it needs less for as long as it is held.
     """
     if after.risen is not None:
         return np.where(after.risen, PRODUCTION_FOUND_SHARE * required, required)
@@ -386,10 +386,10 @@ def _count(
 
 
 def raised_by_production(evidence: Evidence) -> Array:
-    """(N,) the tiers to which the arm's ordinary work alone may raise an alert; −1: none.
+    """(N,) the tiers to which production alone may raise an alert; −1: none.
 
-    It raises an advisory at most, and that only where it is surer than a replay needs to be: what changes the work changes friction too.
-    Whatever the evidence would raise beyond that, one replay shall confirm.
+    It raises an advisory at most, and that only where it is surer than a replay needs to be: what changes the production changes friction
+    too. Whatever the evidence would raise beyond that, one replay shall confirm.
     """
     advisory: Array = np.where(evidence.sigmas >= PRODUCTION_SIGMAS, np.minimum(evidence.raises, 0), -1)
     return advisory

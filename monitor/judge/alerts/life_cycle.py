@@ -1,6 +1,6 @@
 """The life of an alert (ISA-18.2): raised, updated, latched until somebody acknowledges it, and cleared once its condition is gone.
 
-A person's work on a joint changes it too: its alerts wait for the replays that show what the work did.
+Maintenance of a joint changes it too: its alerts wait for the replays that show what it did.
 """
 
 from collections.abc import Mapping
@@ -29,7 +29,9 @@ from monitor.recording import DAY_S
 
 ACKNOWLEDGED_AND_OVER = Sentence("acknowledged_and_over", "its condition is gone, and it was acknowledged")()
 OVER = Sentence("over", "This is over since {since_unix_s:time}; it clears once somebody acknowledges it.")
-WORKED_ON = Sentence("worked_on", "Work since it was raised, which has not ended it: {kind:word} on {at_unix_s:day} by {by}.")
+MAINTAINED = Sentence(
+    "maintained_since", "Maintenance since it was raised, which has not ended it: {kind:word} on {at_unix_s:day} by {by}."
+)
 
 
 def next_transition(
@@ -59,7 +61,7 @@ def next_transition(
     if highest == now and abs(status.change - alert.change) < settings.update_step and not status.restated:
         return None
     published = _published(condition, highest, status, at_unix_s)
-    published["text"] = together(published["text"], _work_so_far(alert))
+    published["text"] = together(published["text"], _maintenance_so_far(alert))
     updated = with_gravest(replace(alert, **published), alert.gravest_so_far)
     if highest > now:  # somebody shall acknowledge the graver alert again
         updated = replace(updated, acknowledged_at_unix_s=None, acknowledged_by=None, acknowledged_why=None, shelved_until_unix_s=None)
@@ -181,11 +183,11 @@ def service_transition(alert: Alert | None, condition: AlertCondition, situation
     return Transition("updated", replace(alert, text=over_text, updated_at_unix_s=at, over_since_unix_s=at))
 
 
-def _work_so_far(alert: Alert) -> Reason | None:
-    """Work that did not end the alert; None where there was none."""
+def _maintenance_so_far(alert: Alert) -> Reason | None:
+    """Maintenance that did not end the alert; None where there was none."""
     if alert.serviced_kind is None or alert.serviced_at_unix_s is None:
         return None
-    return WORKED_ON(kind=alert.serviced_kind, at_unix_s=alert.serviced_at_unix_s, by=alert.serviced_by)
+    return MAINTAINED(kind=alert.serviced_kind, at_unix_s=alert.serviced_at_unix_s, by=alert.serviced_by)
 
 
 def _published(condition: AlertCondition, tier: int, status: ConditionStatus, at_unix_s: float) -> dict[str, Any]:
@@ -220,24 +222,24 @@ def _with(health: Health, alert: Alert, changed: Alert) -> Health:
     return replace(health, alerts=tuple(changed if other is alert else other for other in health.alerts))
 
 
-# --- What becomes of a joint's alerts when work on it is declared ----------------------------------------
+# --- What becomes of a joint's alerts when maintenance of it is declared ----------------------------------------
 
 OF_FRICTION = (*RISES, FALLING)
-NEXT_STEP = Sentence("await_proof", "Wait for the next replays, or ask for one: they show whether the work helped.")()
-NOT_HELPED = Sentence("not_helped", "Look at this joint again: friction is where it was before the work.")()
-BEFORE_IT = Sentence("before_work", "Before it: {text}")
-SERVICED = Sentence("serviced", "serviced: {work}")
+NEXT_STEP = Sentence("await_proof", "Wait for the next replays, or ask for one: they show whether the maintenance helped.")()
+NOT_HELPED = Sentence("not_helped", "Look at this joint again: friction is where it was before the maintenance.")()
+BEFORE_IT = Sentence("before_maintenance", "Before it: {text}")
+SERVICED = Sentence("serviced", "serviced: {act}")
 
 
 class Serviced(NamedTuple):
-    """Health after work was declared between two replays, and the changes of alerts that led to it."""
+    """Health after maintenance was declared between two replays, and the changes of alerts that led to it."""
 
     health: Health
     transitions: tuple[Transition, ...]
 
 
 def declare(health: Health, maintenance: tuple[Maintenance, ...], at_unix_s: float) -> Serviced:
-    """The health after works were declared, without a replay.
+    """The health after maintenance was declared, without a replay.
 
     A replaced joint has no alert any more. The rise of a joint that is the same one waits for its proof, and its state is CHECK_FUNCTION
     until then; its fall is explained.
@@ -255,7 +257,7 @@ def declare(health: Health, maintenance: tuple[Maintenance, ...], at_unix_s: flo
 
 
 def begin(alerts: Mapping[tuple[int | None, str], Alert], act: Maintenance, at_unix_s: float) -> list[Transition]:
-    """What becomes of the joint's active alerts when work on it is declared.
+    """What becomes of the joint's active alerts when maintenance of it is declared.
 
     Of a declaration that names no joint, a fall is cleared all the same: it is what the condition asks a person for.
     """
@@ -273,12 +275,12 @@ def begin(alerts: Mapping[tuple[int | None, str], Alert], act: Maintenance, at_u
 
 
 def settle(alert: Alert, act: Maintenance, status: ConditionStatus, at_unix_s: float, advice: Reason) -> Transition | None:
-    """What becomes of an active alert of friction when the replays have shown what the work did; None where the work says nothing of it.
+    """What becomes of an active alert of friction when the replays have shown what the maintenance did; None where it says nothing of it.
 
     status : of the alert's condition after this replay. advice : what the alert asks for where the joint is still worn.
     """
     if act.outcome == NEW_REFERENCE or status.hold_tier is None:
-        cleared = clear(alert, status, at_unix_s, SERVICED(work=act.work))
+        cleared = clear(alert, status, at_unix_s, SERVICED(act=act.act))
         return Transition("cleared", _cleared(cleared, act, at_unix_s))
     if not alert.awaiting_proof:
         return None
@@ -324,7 +326,7 @@ def _cleared(alert: Alert, act: Maintenance, at_unix_s: float) -> Alert:
     return replace(
         alert,
         cleared_at_unix_s=at_unix_s,
-        cleared_why=SERVICED(work=act.work),
+        cleared_why=SERVICED(act=act.act),
         text=act.reason,
         awaiting_proof=False,
     )

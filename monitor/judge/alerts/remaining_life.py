@@ -107,7 +107,7 @@ def remaining_life(
     """The remaining life of one joint.
 
     mean (2,), cov (2, 2) : posterior of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.
-    paths : along which friction goes on, from the joint's history; without it, the same work every day adds the same rise of friction, so
+    paths : along which friction goes on, from the joint's history; without it, the same usage every day adds the same rise of friction, so
     that friction approaches the limit along a straight line, and the days of a joint that accelerates are too many: ask
     `remaining_life_of_joint` wherever there is a state.
     """

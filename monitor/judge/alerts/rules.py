@@ -69,7 +69,7 @@ def judge(
 
     health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
     declarations by; drift : for the published figure of wear, which alerts do not depend on;
-    works : on joints that this replay declares first, or judges.
+    works : maintenance of joints that this replay declares first, or judges.
     """
     at, J = belief.at_unix_s, belief.joints
     before = health or Health(joints=(), since_unix_s=at)
@@ -118,20 +118,20 @@ def judge(
 
 
 class ProductionJudgement(NamedTuple):
-    """Health after a period of the arm's ordinary work, the changes of alerts that led to it, and what a replay shall confirm."""
+    """Health after a period of production, the changes of alerts that led to it, and what a replay shall confirm."""
 
     health: Health
     transitions: tuple[Transition, ...]
-    asks: tuple[int, ...]  # joints (from 1) whose friction seems to have risen to a graver tier than work alone may raise
+    asks: tuple[int, ...]  # joints (from 1) whose friction seems to have risen to a graver tier than production alone may raise
 
 
 def judge_production(
     health: Health, belief: Belief, usable: np.ndarray, learnt: np.ndarray, settings: HealthSettings, *, drift: DriftSettings
 ) -> ProductionJudgement:
-    """Health after a period of ordinary work, the belief's last observation.
+    """Health after a period of production, the belief's last observation.
 
-    Work says something of the friction of single joints. What most joints do together, and what is wrong with data or declarations, are
-    for the replays to say. usable : (J,) joints whose work counts for or against a change; learnt : (J,) that were learned from.
+    Production says something of the friction of single joints. What most joints do together, and what is wrong with data or declarations,
+    are for the replays to say. usable : (J,) joints whose production counts for or against a change; learnt : (J,) that were learned from.
     """
     at = belief.at_unix_s
     evidence = weigh_evidence(wear_after_replay(belief, usable & ~belief.awaiting_proof), counts_of(health), belief.joints, settings)
@@ -174,7 +174,7 @@ def judge_production(
     return ProductionJudgement(after, tuple(transitions), asks)
 
 
-UNCONFIRMED = Sentence("unconfirmed", "Ordinary work shows this; no replay has confirmed it yet.")()
+UNCONFIRMED = Sentence("unconfirmed", "Production shows this; no replay has confirmed it yet.")()
 
 
 def _unconfirmed(text: Callable[[], Reason]) -> Reason:
@@ -182,7 +182,7 @@ def _unconfirmed(text: Callable[[], Reason]) -> Reason:
 
 
 def _after_maintenance(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
-    """One joint after a period of work, with the confirmations that it adds."""
+    """One joint after a period of production, with the confirmations that it adds."""
     j, counts = joint.joint - 1, arm.evidence.counts
     friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
     counted = replace(
@@ -202,12 +202,12 @@ def _next(
     settled: Mapping[int, Maintenance],
     arm: ArmSituation,
 ) -> Transition | None:
-    """What becomes of an alert after this replay. settled : works that it judges, by joint."""
+    """What becomes of an alert after this replay. settled : maintenance that it judges, by joint."""
     at = arm.belief.at_unix_s
     if condition.name in OF_FRICTION and joint is not None:
         act = settled.get(joint)
         if arm.belief.awaiting_proof[joint - 1]:
-            return None  # the work is not judged yet
+            return None  # the maintenance is not judged yet
         if act is not None and alert is not None and alert.active:
             transition = settle(alert, act, status, at, condition.action(alert.tier))
             if transition is not None:
@@ -218,7 +218,7 @@ def _next(
 def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclared: UndeclaredChange) -> Evidence:
     """The evidence of changed friction after the last replay.
 
-    It counts for the joints that it updated inside the learned range, where no work on them waits to be judged.
+    It counts for the joints that it updated inside the learned range, where no maintenance of them waits to be judged.
     """
     usable = belief.learnt_from & (belief.inside_range > 0) & (not undeclared.withheld) & ~belief.awaiting_proof
     return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)

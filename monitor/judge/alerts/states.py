@@ -106,11 +106,11 @@ def unseen_steps(friction: Sequence[Mapping[str, Any]]) -> Reason | None:
 
 StateAndWhy = tuple[State, Reason]
 SINCE_BEGINNING = Sentence("friction_since_beginning", "friction {change:+z.1%} ± {std:.1%} since the beginning")
-SINCE_WORK = {  # by the kind of the work from which friction counts
+SINCE_MAINTENANCE = {  # by the kind of the maintenance from which friction counts
     REPLACED: Sentence("friction_since_replaced", "friction {change:+z.1%} ± {std:.1%} since it was replaced on {at_unix_s:day}"),
     OVERHAULED: Sentence("friction_since_overhauled", "friction {change:+z.1%} ± {std:.1%} since it was overhauled on {at_unix_s:day}"),
     GREASED: Sentence("friction_since_greased", "friction {change:+z.1%} ± {std:.1%} since it was greased on {at_unix_s:day}"),
-    MAINTENANCE: Sentence("friction_since_maintained", "friction {change:+z.1%} ± {std:.1%} since it was worked on on {at_unix_s:day}"),
+    MAINTENANCE: Sentence("friction_since_maintained", "friction {change:+z.1%} ± {std:.1%} since its maintenance on {at_unix_s:day}"),
     SERIALS: Sentence("friction_since_serial", "friction {change:+z.1%} ± {std:.1%} since it may have been replaced on {at_unix_s:day}"),
 }
 UNSEEN_BESIDE = Sentence("with_unseen_step", "{friction}; {unseen}")
@@ -132,13 +132,13 @@ def joint_state(
     """The joint's health with its state after a replay.
 
     wear, wear_std, unseen : (J,) logarithm of friction torque, as it is published; alerts : of the arm and all joints, after the replay.
-    of_replay : whether it follows a replay, and not ordinary work.
+    of_replay : whether it follows a replay, and not production.
     """
     joint, belief = situation.health, situation.belief
     j = situation.j
     act = belief.counted_since(joint.joint)
     figures = {"change": math.expm1(wear[j]), "std": wear_std[j]}
-    normal = SINCE_BEGINNING(**figures) if act is None else SINCE_WORK[act.kind](**figures, at_unix_s=act.at_unix_s)
+    normal = SINCE_BEGINNING(**figures) if act is None else SINCE_MAINTENANCE[act.kind](**figures, at_unix_s=act.at_unix_s)
     if math.isfinite(unseen.days[j]):
         step = UNSEEN_STEP(rise=math.expm1(unseen.log_rise[j]), days=unseen.days[j])
         normal = UNSEEN_BESIDE(friction=normal, unseen=step)

@@ -1,6 +1,6 @@
 """Along which path friction rises: a mixture over slowing, straight and accelerating paths, fitted to the course of friction so far.
 
-With z friction over that without wear, and s the work since the onset of wear, each path is
+With z friction over that without wear, and s the usage since the onset of wear, each path is
 
     z = A + S·[a step] + C·g(s),   g(s) = s^p  or  e^(κ·s/s_now) − 1.
 
@@ -56,7 +56,7 @@ SLOW_DAYS = 100.0  # [d] correlation time of what friction does beside its wear 
 BESIDE = ((0.0, 0.0, 0.8), (0.0, 0.015, 0.12), (0.005, 0.0, 0.04), (0.01, 0.0, 0.02), (0.02, 0.0, 0.02))
 NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
 FEWEST_BLOCKS = 8  # fewer show no path …
-LEAST_DAYS = 5.0  # [usual days] … and so does less work
+LEAST_DAYS = 5.0  # [usual days] … and so does less usage
 KEPT = 0.995  # of the weight; the least likely components are left out
 GAUSS = ((0.5 * np.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (-0.5 * np.sqrt(0.6), 5 / 18))  # places in a block of width 1, and their weights
 
@@ -67,7 +67,7 @@ class WearPaths:
 
     weight: Array  # (M,) sum 1
     shape: np.ndarray  # (M,) index of POWERS and GROWTHS
-    since: Array  # (M,) [usual days] of work since the onset
+    since: Array  # (M,) [usual days] of usage since the onset
     mean: Array  # (M, 3) of A, S and the rise so far C·g
     cov: Array  # (M, 3, 3)
 

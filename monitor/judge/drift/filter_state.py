@@ -6,9 +6,9 @@ For each joint, with y = log F, F the friction torque at the reference speed, t 
 
 a_c is the level in context c, w the wear, n the noise between replays with correlation ρ, ε the noise within a replay. The observations do
 not separate levels from wear: w begins at 0 with no uncertainty, and the level has all of it. A context that returns still has its level.
-h is Ṫ where the joint warms slowly, and saturates: the grease lags behind the motor's sensor by nothing at the start of work, when Ṫ is
+h is Ṫ where the joint warms slowly, and saturates: the grease lags behind the motor's sensor by nothing when motion begins, when Ṫ is
 largest and both are equally cold, by most some time later, and by nothing in the steady state.
-Δu is work in usual days, and ẇ the increase of friction in a usual day as a fraction of the friction without wear. Equal work causes
+Δu is usage in usual days, and ẇ the increase of friction in a usual day as a fraction of the friction without wear. Equal usage causes
 equal wear, so friction increases along a straight line and its logarithm does not.
 """
 
@@ -33,9 +33,9 @@ from monitor.recording import Array
 
 WEAR, RATE, NOISE, SLOPE, CURVE, LAG = range(6)  # w [log], ẇ [1/usual day], n [log], β [1/K], γ [1/K²], λ [1/(K/min)]; then the levels
 LEVELS = 6  # index of the first level
-STATES = LEVELS + SLOTS  # S of an arm whose ordinary work never was observed; with work two more, see `two_sources`
-PRODUCTION_LEVEL, PRODUCTION_NOISE = STATES, STATES + 1  # a_w [log], m [log] of ordinary work, where it was observed
-PRODUCTION_LEVEL_WALK_PER_SQRT_DAY = 1e-3  # [log] random walk of a_w: 2 % in a year, as the work changes little by little
+STATES = LEVELS + SLOTS  # S of an arm whose production never was observed; with production two more, see `two_sources`
+PRODUCTION_LEVEL, PRODUCTION_NOISE = STATES, STATES + 1  # a_w [log], m [log] of production, where it was observed
+PRODUCTION_LEVEL_WALK_PER_SQRT_DAY = 1e-3  # [log] random walk of a_w: 2 % in a year, as production changes little by little
 WINDOW = 48  # W, number of replays at which a sudden change may have begun: the latest ones, and fewer of the older ones …
 OLDEST = 200  # … up to so many replays ago
 KINDS = 2  # of sudden changes: a step of wear, a new wear rate
@@ -47,10 +47,10 @@ PRIOR_CORRELATION = 8.0  # [replays] weight of the prior correlation of noise
 REPLAYS_PER_LENGTH = 6.0  # of noise: a correlation over 1/(1 − ρ) replays needs so many times as many to show
 SLOPE_CHANGE = 0.15  # [fraction] by which another load may change β: it shifts the share of viscous friction
 FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: two heat nodes of lags 3 to 30 min leave the same 0.1 to 0.5 % of F with 0.05 to 0.2
-# What Ṫ does not tell of a lag L makes the steady state uncertain. Grease has T − L·Ṫ + L²·T̈ − …: the filter knows the second term, and the
-# third is L/τ times as large in a motor that warms within τ. So the uncertainty grows with L². Learnt lags are about half of the true ones,
-# because h saturates and Ṫ is noisy, and steady states were off by more than the third term: this time instead of τ covers that. It is a
-# compromise by trial, as the square of the share that is extrapolated: 90 % intervals hold where lags are 3–6 min and where they are
+# What Ṫ does not tell of a lag L makes the steady state uncertain. Grease has T − L·Ṫ + L²·T̈ − …: the filter knows the second term, and
+# the third is L/τ times as large in a motor that warms within τ. So the uncertainty grows with L². Learnt lags are about half of the true
+# ones, because h saturates and Ṫ is noisy, and steady states were off by more than the third term: this time instead of τ covers that. It
+# is a compromise by trial, as the square of the share that is extrapolated: 90 % intervals hold where lags are 3–6 min and where they are
 # 10–30 min, where motors warm by 6–16 K and by 15–30 K.
 LAG_SERIES_MIN = 2.0
 LEAST_EXTRAPOLATED = 0.5  # a rare cold start differs much from the other replays, and tells little of what they see
@@ -301,7 +301,7 @@ def begin_history(state: FilterState, slot: Array) -> FilterState:
 def predict_filter(state: FilterState, days: Array, joints_per_arm: int, settings: DriftSettings, use: Array | None = None) -> FilterState:
     """The state before the next replay: the Kalman filter's prediction. Wear grows at its rate, the rate wanders, the noise decays.
 
-    days : (N,) time since the last replay [d]. use : (N,) work in that time, in usual days of the joint; None where revolutions are not
+    days : (N,) time since the last replay [d]. use : (N,) usage in that time, in usual days of the joint; None where revolutions are not
     counted: then every day counts as a usual one. Wear and its rate follow the continuous white noise acceleration model of Bar-Shalom,
     Li and Kirubarajan (2001), section 6.2, over `use`.
     """
@@ -366,7 +366,7 @@ def other_source(state: FilterState, sources: TwoSources) -> FilterState:
 
 
 def rescale_rate(state: FilterState, factor: Array) -> FilterState:
-    """The state after a usual day of work became `factor` (N,) times as much work: the wear rate per usual day is as many times larger."""
+    """The state after a usual day became `factor` (N,) times as much usage: the wear rate per usual day is as many times larger."""
     if (factor == 1.0).all():  # as ever where nobody counts revolutions
         return state
     mean, cov, responses = state.mean.copy(), state.cov.copy(), state.responses.copy()
@@ -397,7 +397,10 @@ def open_slot(state: FilterState, slot: Array, opened: np.ndarray) -> FilterStat
 
 
 def replace_joints(state: FilterState, new: np.ndarray, settings: DriftSettings) -> FilterState:
-    """The state with no wear and unknown levels for the joints in `new` (N,), in every slot and at work. The slope becomes less certain."""
+    """The state with no wear and unknown levels for the joints in `new` (N,), in every slot and in production.
+
+    The slope becomes less certain.
+    """
     slope_var = state.cov[new, SLOPE, SLOPE] + (SLOPE_CHANGE * state.mean[new, SLOPE]) ** 2  # once, and not once a slot
     for slot in range(SLOTS if state.sources is None else PRODUCTION_LEVEL - LEVELS + 1):
         state = open_slot(state, np.full(state.joints, slot), new)

@@ -66,7 +66,7 @@ def widen_where_prior_fails(state: FilterState, prior: FleetPrior, family_std_pe
 def noise_known(state: FilterState, prior: FleetPrior | None) -> Array:
     """(N,) from 0 to 1: how far the noise of a young joint is known from the fleet, its size and how it averages out.
 
-    0 without a fleet's prior, in a joint of which ordinary work has told, because the fleet says nothing of work's noise, and in an arm
+    0 without a fleet's prior, in a joint of which production has told, because the fleet says nothing of production's noise, and in an arm
     whose noise is correlated longer than the fleet's. Of the joints of an arm, the lowest and the highest correlation do not count: wear
     that begins looks like correlated noise.
     """
@@ -88,7 +88,7 @@ def noise_known(state: FilterState, prior: FleetPrior | None) -> Array:
 
 
 def _told_by_both(state: FilterState) -> np.ndarray:
-    """(N,) joints that the filter has learned of from replays and from work, whichever of them is in force."""
+    """(N,) joints that the filter has learned of from replays and from production, whichever of them is in force."""
     s = state.sources
     both: np.ndarray = np.zeros(state.joints, dtype=bool) if s is None else (s.number > 0) & (s.other_number > 0)
     return both

@@ -1,13 +1,13 @@
-"""Observations from the arm's ordinary work, in the filter of the replays.
+"""Observations from production, in the filter of the replays.
 
-Work is another motion than the excitation. What differs between the two for good is a level of its own; what differs from day to day is a
-noise of its own, with a size and a correlation that are learnt as those of the replays are. Wear and temperature are the joint's, whatever
-observes them. So an observation from work has this row of the filter, with the level a_w and the noise m of work:
+Production is another motion than the excitation. What differs between the two for good is a level of its own; what differs from day to day
+is a noise of its own, with a size and a correlation that are learnt as those of the replays are. Wear and temperature are the joint's,
+whatever observes them. So an observation from production has this row of the filter, with the level a_w and the noise m of production:
 
     y = a_w − β·t + γ·t² + w + m + ε.
 
-A replay is the arbiter: where it speaks against wear that work alone has found since the replay before, nobody knows whether the joint or
-the work has changed, and the filter learns it from the replays.
+A replay is the arbiter: where it speaks against wear that production alone has found since the replay before, nobody knows whether the
+joint or the production has changed, and the filter learns it from the replays.
 """
 
 from dataclasses import replace
@@ -36,11 +36,11 @@ from monitor.judge.temperature.laws import inside_range
 from monitor.recording import Array
 
 NOISE_LEARNT = 12.0  # [observations] of a source, before which the correlation of its noise is a prior one, of successive observations
-DOUBTED = 0.5  # share of the wear found by work alone that is its standard deviation, once a replay speaks against it
+DOUBTED = 0.5  # share of the wear found by production alone that is its standard deviation, once a replay speaks against it
 
 
 def begin_production(state: FilterState, joints_per_arm: int, settings: DriftSettings) -> FilterState:
-    """The state with the two states of work, and the prior noise of a source that was never observed. Unchanged where it has them."""
+    """The state with the two states of production, and the prior noise of a source that was never observed. Unchanged where it has them."""
     if state.sources is not None:
         return state
     N, S = state.joints, state.mean.shape[1]
@@ -112,7 +112,10 @@ def swapped(state: FilterState) -> FilterState:
 
 
 def reopen_production(state: FilterState, opened: np.ndarray) -> FilterState:
-    """The state with an unknown level of work in the joints of `opened` (N,): work in another context. `state` has replays in force."""
+    """The state with an unknown level of production in the joints of `opened` (N,): production in another context.
+
+    `state` has replays in force.
+    """
     if not opened.any():
         return state
     mean, cov, responses = state.mean.copy(), state.cov.copy(), state.responses.copy()
@@ -158,24 +161,24 @@ def correlated_over(state: FilterState, longer: Array, joints_per_arm: int) -> F
 
 
 def inside_production(state: FilterState, temperature_c: Array, margin_k: float) -> np.ndarray:
-    """(N,) whether temperatures (N,) lie in the range that was learned from work before."""
+    """(N,) whether temperatures (N,) lie in the range that was learned from production before."""
     s = _sources(state)
     return inside_range(np.stack([s.coldest_c, s.warmest_c], axis=1), temperature_c, margin_k)
 
 
 def widen_range(state: FilterState, temperature_c: Array, learnt: np.ndarray) -> FilterState:
-    """The state with the temperatures (N,) of work that the joints in `learnt` (N,) learned from."""
+    """The state with the temperatures (N,) of production that the joints in `learnt` (N,) learned from."""
     s = _sources(state)
     T = np.where(learnt, temperature_c, np.nan)
     return replace(state, sources=replace(s, coldest_c=np.fmin(s.coldest_c, T), warmest_c=np.fmax(s.warmest_c, T)))
 
 
 def remember_unconfirmed(before: FilterState, after: FilterState, resolved: np.ndarray) -> FilterState:
-    """The state after an observation from work, with the wear that it found; before : predicted to its time."""
+    """The state after an observation from production, with the wear that it found; before : predicted to its time."""
     s = _sources(after)
     found = resolved & (after.event == STEP)
     wear, rate = (np.where(found, after.mean[:, k] - before.mean[:, k], 0.0) for k in (WEAR, RATE))
-    # a joint that work does not tell anything of keeps what was known of its last observation
+    # a joint that production does not tell anything of keeps what was known of its last observation
     kept = {name: np.where(resolved, getattr(after, name), getattr(before, name)) for name in ("event", "innovation", "normalised")}
     return replace(
         after, sources=replace(s, unconfirmed=s.unconfirmed + wear, unconfirmed_rate=s.unconfirmed_rate + rate), event=kept["event"],
@@ -184,8 +187,8 @@ def remember_unconfirmed(before: FilterState, after: FilterState, resolved: np.n
 
 
 def arbitrate(state: FilterState, observation: Observation, slot: Array, joints_per_arm: int, settings: DriftSettings) -> FilterState:
-    """The state before a replay is learned from: where the replay is nearer to the friction without the wear that work alone has found,
-    that wear may as well be a change of work's level.
+    """The state before a replay is learned from: where the replay is nearer to the friction without the wear that production alone has
+    found, that wear may as well be a change of production's level.
     """
     s = _sources(state)
     if not s.unconfirmed.any():
@@ -194,7 +197,7 @@ def arbitrate(state: FilterState, observation: Observation, slot: Array, joints_
     against = seen.resolved & (np.abs(seen.value + s.unconfirmed) < np.abs(seen.value))
     if not against.any():
         return state
-    # along w − a_w observations from work stay as they are
+    # along w − a_w observations from production stay as they are
     away = np.zeros((2, *state.mean.shape))
     for k, found in enumerate((s.unconfirmed, s.unconfirmed_rate)):
         away[k, :, (WEAR, RATE)[k]] = np.where(against, DOUBTED * found, 0.0)
@@ -204,7 +207,7 @@ def arbitrate(state: FilterState, observation: Observation, slot: Array, joints_
 
 
 def confirmed(state: FilterState, learnt: np.ndarray) -> FilterState:
-    """The state after a replay that the joints in `learnt` (N,) learned from: nothing of them is found by work alone any more."""
+    """The state after a replay that the joints in `learnt` (N,) learned from: nothing of them is found by production alone any more."""
     s = _sources(state)
     return replace(
         state,

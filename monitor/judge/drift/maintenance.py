@@ -1,9 +1,9 @@
-"""Work on a joint: what a person did to it, and what the filter makes of that.
+"""Maintenance of a joint: what a person did to it, and what the filter makes of that.
 
 A joint that was replaced is another joint: everything that was learnt of it begins anew. A joint that was greased or overhauled is the same
 one, but its friction may have moved either way: its wear is uncertain for a moment, while the level that wear counts from, the temperature
-law and the noise stay as they are. The next replays show where friction is, and by that the work is judged (`settle`). Where it moved, that
-becomes the new reference; where a worn joint is as worn as before, nothing is forgotten.
+law and the noise stay as they are. The next replays show where friction is, and by that the maintenance is judged (`settle`). Where it
+moved, that becomes the new reference; where a worn joint is as worn as before, nothing is forgotten.
 
 Shapes: N joints.
 """
@@ -21,35 +21,35 @@ from monitor.reason import Reason, Sentence, together
 from monitor.recording import Array
 
 REPLACED, OVERHAULED, GREASED = "replaced", "overhauled", "greased"  # a person names the joint and the kind
-MAINTENANCE, SERIALS = "maintenance", "joint_serials"  # a declaration that changed: which joints were worked on is not known
+MAINTENANCE, SERIALS = "maintenance", "joint_serials"  # a declaration that changed: which joints it was is not known
 PERSONAL = (REPLACED, OVERHAULED, GREASED)
 NEW_JOINT, NEW_REFERENCE, UNCHANGED, STILL_WORN = "new_joint", "new_reference", "unchanged", "still_worn"  # outcomes
-MAINTENANCE_STD = 0.5  # [log] work changes friction by so much: a worn joint of +60 % that is as new again is one of these
+MAINTENANCE_STD = 0.5  # [log] maintenance changes friction by so much: a worn joint of +60 % that is as new again is one of these
 RECOVERED = 0.5  # of the wear before: a worn joint with more left is still worn
 MOVED_SIGMAS, LEAST_MOVED = 2.0, 0.01  # [σ], [log] a smaller change is none
-KNOWN_STD = 0.04  # [log] of wear, from which the work can be judged
-MOST_REPLAYS = 20  # after so many the work is taken as it was declared: the context has changed with it, and nothing can be compared
+KNOWN_STD = 0.04  # [log] of wear, from which maintenance can be judged
+MOST_REPLAYS = 20  # after so many maintenance is taken as it was declared: the context has changed with it, and nothing can be compared
 
-WORK = {  # what was done; `by` says who and why
+ACTS = {  # what was done; `by` says who and why
     REPLACED: Sentence("joint_replaced", "{joint:joint} was replaced on {at_unix_s:day} ({by})"),
     OVERHAULED: Sentence("joint_overhauled", "{joint:joint} was overhauled on {at_unix_s:day} ({by})"),
     GREASED: Sentence("joint_greased", "{joint:joint} was greased on {at_unix_s:day} ({by})"),
-    MAINTENANCE: Sentence("joint_maintained", "{joint:joint} was worked on on {at_unix_s:day} ({by})"),
+    MAINTENANCE: Sentence("joint_maintained", "{joint:joint} had maintenance on {at_unix_s:day} ({by})"),
     SERIALS: Sentence("joint_serial_changed", "{joint:joint} may have been replaced on {at_unix_s:day} ({by})"),
 }
-DONE = Sentence("work_done", "{work}.")
-PENDING = Sentence("work_pending", "The next replays show what it did to friction: {replays} so far.")
+DONE = Sentence("maintenance_done", "{act}.")
+PENDING = Sentence("maintenance_pending", "The next replays show what it did to friction: {replays} so far.")
 OUTCOMES = {
     NEW_JOINT: Sentence("new_joint", "It is a new joint: everything is learnt anew, and what was found before is of the old one."),
     NEW_REFERENCE: Sentence("new_reference", "Friction counts from this level now."),
     UNCHANGED: Sentence("unchanged", "That is no change: it counts from the same level as before."),
-    STILL_WORN: Sentence("still_worn", "The joint is as worn as before, or nearly: the work has not brought its friction back."),
+    STILL_WORN: Sentence("still_worn", "The joint is as worn as before, or nearly: the maintenance has not brought its friction back."),
 }
 MOVED = Sentence("friction_moved", "Friction moved by {change:+z.1%} ± {std:.1%} with it.")
 
 
 class Maintenance(NamedTuple):
-    """Work on one joint, and its outcome."""
+    """Maintenance of one joint, and its outcome."""
 
     joint: int  # from 1
     kind: str
@@ -63,7 +63,7 @@ class Maintenance(NamedTuple):
     days: int = 0  # UTC days with such a replay
     last_day: int = -1
     outcome: str | None = None  # None: the next replays will show it
-    change: float | None = None  # fraction by which friction moved with the work; None: not known
+    change: float | None = None  # fraction by which friction moved with it; None: not known
     change_std: float | None = None
 
     @property
@@ -72,9 +72,9 @@ class Maintenance(NamedTuple):
         return self.outcome is None
 
     @property
-    def work(self) -> Reason:
+    def act(self) -> Reason:
         """What was done, when and by whom, as a clause."""
-        return WORK[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=self.by)
+        return ACTS[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=self.by)
 
     @property
     def meaning(self) -> Reason:
@@ -88,13 +88,14 @@ class Maintenance(NamedTuple):
 
     @property
     def reason(self) -> Reason:
-        """The work and its outcome in sentences."""
+        """What was done and its outcome, in sentences."""
         by = f"{self.by}: {self.why}" if self.why else self.by
-        return together(DONE(work=WORK[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=by)), self.meaning)
+        return together(DONE(act=ACTS[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=by)), self.meaning)
 
 
 def may_have_moved(state: FilterState, awaiting_proof: np.ndarray) -> FilterState:
-    """The state where work may have moved the friction of the joints in `worked` (N,) either way, their levels being as they were.
+    """The state where maintenance may have moved the friction of the joints in `awaiting_proof` (N,) either way, their levels being as
+    they were.
 
     Candidates of a sudden change are dropped: this is one that is known. New grease has another viscosity, so the slope is less certain.
     """
@@ -116,7 +117,7 @@ def may_have_moved(state: FilterState, awaiting_proof: np.ndarray) -> FilterStat
 
 
 def new_reference(state: FilterState, which: np.ndarray, replays: Array, rate_std_per_day: float) -> FilterState:
-    """The state with wear counted from the present level in the joints of `which` (N,), known from `replays` (N,) since the work.
+    """The state with wear counted from the present level in the joints of `which` (N,), known from `replays` (N,) since the maintenance.
 
     The joint is young again: a slow fall of its first months is running-in.
     """
@@ -130,14 +131,14 @@ def new_reference(state: FilterState, which: np.ndarray, replays: Array, rate_st
 
 
 def count_replay(act: Maintenance, day: int) -> Maintenance:
-    """The work with one more replay that was learnt from."""
+    """The maintenance with one more replay that was learnt from."""
     return act._replace(replays=act.replays + 1, days=act.days + (day != act.last_day), last_day=day)
 
 
 def judged(act: Maintenance, state: FilterState, *, least_replays: int, least_days: int, worn: float) -> Maintenance:
-    """The work with its outcome, where the replays since then suffice for one.
+    """The maintenance with its outcome, where the replays since then suffice for one.
 
-    worn : [log] wear from which a joint is worn, so that work has something to prove.
+    worn : [log] wear from which a joint is worn, so that maintenance has something to prove.
     """
     j = act.joint - 1
     wear, std, change = float(state.wear[j]), float(state.wear_std[j]), float(state.change[j]) - act.change_before

@@ -79,11 +79,11 @@ class Replay:
     slot: Array | None = None  # (A,) slot of the replay's context, 0 … SLOTS − 1; None: that of the last replay
     opened: np.ndarray | None = None  # (A,) whether the slot's level is unknown, as in a context never seen before; None: no arm's
     replaced: np.ndarray | None = None  # (N,) joints that were replaced since the last replay; None: none
-    awaiting_proof: np.ndarray | None = None  # (N,) joints that were worked on, and the work is not judged yet; None: none
+    awaiting_proof: np.ndarray | None = None  # (N,) joints that were worked on, and the maintenance is not judged yet; None: none
     undeclared: np.ndarray | None = None  # (A,) whether the recording contradicts its declared context; None: no arm's
     same_mass: np.ndarray | None = None  # (A,) whether the arm was weighed, and carries what it did before; None: nobody weighed
     revolutions: Array | None = None  # (N,) total count at the replay, NaN where it is unknown; None: nobody counts
-    from_production: bool = False  # it is no replay, but an observation from the arms' ordinary work; `opened`: work in another context
+    from_production: bool = False  # it is no replay, but an observation from production; `opened`: production in another context
 
 
 class StepResult(NamedTuple):
@@ -201,7 +201,7 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
 
 
 def learn_from_production(state: DriftState, joint: JointReplay, drift: DriftSettings, temperature: TemperatureSettings) -> StepResult:
-    """The state after an observation from ordinary work.
+    """The state after an observation from production.
 
     It says nothing of the channels beside F(v*), of the temperature laws of fc and fv, of T0, and of sensors: those are the replays'.
     """
@@ -222,7 +222,7 @@ def learn_from_production(state: DriftState, joint: JointReplay, drift: DriftSet
 
 
 def update_by_replay(state: DriftState, joint: JointReplay, observation: Observation, drift: DriftSettings) -> FilterState:
-    """The filter state updated by a replay, which confirms or contradicts what work alone has found since the last one."""
+    """The filter state updated by a replay, which confirms or contradicts what production alone has found since the last one."""
     joints, J = state.filter_state, state.joints_per_arm
     if joints.sources is None:
         return update_filter(joints, observation, state.slot, J, drift, same_mass=joint.same_mass)
@@ -345,7 +345,7 @@ def _family_std_per_k(temperature: TemperatureSettings) -> float:
 def age(state: DriftState, days: Array, revolutions: Array, drift: DriftSettings) -> DriftState:
     """The state `days` (N,) later, at a count of `revolutions` (N,), NaN where nobody counts: wear grows at its rate, uncertainty grows.
 
-    A new usual amount of work per day rescales the wear rate, which is a rate per usual day; then the filter predicts over the work done.
+    A new usual usage per day rescales the wear rate, which is a rate per usual day; then the filter predicts over the usage.
     """
     sources = state.filter_state.sources
     counted_days = days if sources is None else sources.since_days + days  # revolutions are counted from replay to replay

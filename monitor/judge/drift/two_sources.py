@@ -1,8 +1,8 @@
-"""What the filter keeps of its two sources of observations, replays and the arm's ordinary work, once work was observed: values only.
+"""What the filter keeps of its two sources of observations, replays and production, once production was observed: values only.
 
 The filter has one state for both. Of each source it knows the noise between observations, and how often they come. The noise of the source
-in force stands in the fields of `FilterState`; that of the other one stands here, and `from_work.swapped` exchanges the two. At rest the
-source in force is the replay. Work has a level of its own, and a noise of its own with a correlation of its own: two more states.
+in force stands in the fields of `FilterState`; that of the other one stands here, and `from_production.swapped` exchanges the two. At rest
+the source in force is the replay. Production has a level of its own, and a noise of its own with a correlation of its own: two more states.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ import numpy as np
 from monitor.judge.drift.noise.volatility import Volatility
 from monitor.recording import Array
 
-EXTRA_STATES = 2  # the level of work and its noise, after the levels of the replays' contexts
+EXTRA_STATES = 2  # the level of production and its noise, after the levels of the replays' contexts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,9 +33,9 @@ class TwoSources:
     other_volatility: Volatility
     other_residual: Annotated[Array, "N"]
     other_gate_run: Annotated[Array, "N"]
-    coldest_c: Annotated[Array, "N"]  # and the warmest: temperatures of the work that was learned from; NaN before the first
+    coldest_c: Annotated[Array, "N"]  # and the warmest: temperatures of the production that was learned from; NaN before the first
     warmest_c: Annotated[Array, "N"]
-    unconfirmed: Annotated[Array, "N"]  # [log] wear that work alone has found since the joint's last replay
+    unconfirmed: Annotated[Array, "N"]  # [log] wear that production alone has found since the joint's last replay
     unconfirmed_rate: Annotated[Array, "N"]  # [1/usual day] wear rate likewise
     risen: Annotated[Array, "N"]  # 1 where a rise was found that began long ago, by either source, and wear has held it since; else 0
 

@@ -1,6 +1,6 @@
-"""How much a joint has worked: its revolutions, as the bus listener counts them, and the usual work of a day.
+"""How much a joint is used: its revolutions, as the bus listener counts them, and the usual usage of a day.
 
-Wear comes from work and not from waiting. Where nobody counts, every day is a usual one.
+Wear comes from usage and not from waiting. Where nobody counts, every day is a usual one.
 """
 
 from typing import Annotated, NamedTuple
@@ -9,13 +9,13 @@ import numpy as np
 
 from monitor.recording import Array
 
-MEMORY_DAYS = 60.0  # [day] the usual work follows a change of work within about two months
-MOST_DAYS = 20.0  # usual days of work on one day: a count beyond it is wrong
-STILL_REV_PER_DAY = 0.5  # less work than this is none, and no measure of wear
+MEMORY_DAYS = 60.0  # [day] the usual usage follows a change within about two months
+MOST_DAYS = 20.0  # usual days of usage on one day: a count beyond it is wrong
+STILL_REV_PER_DAY = 0.5  # less usage than this is none, and no measure of wear
 
 
 class Usage(NamedTuple):
-    """What is known of the work of N joints, (N,) each; NaN where nobody counts."""
+    """What is known of the usage of N joints, (N,) each; NaN where nobody counts."""
 
     revolutions: Annotated[Array, "N"]  # total count at the last replay
     per_day: Annotated[Array, "N"]  # usual revolutions per day
@@ -26,8 +26,8 @@ class UsageUpdate(NamedTuple):
     """What a joint has done since the last replay, (N,) each."""
 
     usage: Usage
-    usual_days: Array  # work done, in usual days
-    factor: Array  # new usual work of a day over the one before
+    usual_days: Array  # usage so far, in usual days
+    factor: Array  # new usual usage of a day over the one before
 
 
 def no_usage(joints: int) -> Usage:
@@ -36,7 +36,10 @@ def no_usage(joints: int) -> Usage:
 
 
 def update_usage(usage: Usage, revolutions: Array, days: Array) -> UsageUpdate:
-    """The usage after `days` (N,), at a total count of `revolutions` (N,). A counter that is missing or ran backwards means usual work."""
+    """The usage after `days` (N,), at a total count of `revolutions` (N,).
+
+    A counter that is missing or ran backwards means the usual usage.
+    """
     done = revolutions - usage.revolutions
     known = np.isfinite(done) & (done >= 0) & (days > 0)
     done, span = np.where(known, done, 0.0), np.where(known, days, 1.0)

@@ -26,7 +26,7 @@ def empty_history(joints: int, slots: int) -> Array:
 
 
 def age_history(history: Array, production: Array, days: Array) -> Array:
-    """The history `days` (N,) later, after `work` (N,) usual days of work."""
+    """The history `days` (N,) later, after `work` (N,) usual days of usage."""
     older = history.copy()
     older[:, :, PRODUCTION_AGE] += history[:, :, COUNT] * production[:, None]
     older[:, :, AGE] += history[:, :, COUNT] * days[:, None]
@@ -34,7 +34,7 @@ def age_history(history: Array, production: Array, days: Array) -> Array:
 
 
 def rescale_production(history: Array, factor: Array) -> Array:
-    """The history after a usual day of work became `factor` (N,) times as much work: the same work took fewer usual days."""
+    """The history after a usual day became `factor` (N,) times as much usage: the same usage took fewer usual days."""
     rescaled = history.copy()
     rescaled[:, :, PRODUCTION_AGE] /= factor[:, None]
     return rescaled

@@ -47,7 +47,7 @@ STAYS_SIGMA = 3.5
 DENSE = 28  # none of the youngest starts is dropped: without a step's first replay, a step found a day late has 5 % less of its σ
 RATE_REPLAYS = 20  # [replays] from this age on a new wear rate has a threshold of its own; before it, it is hardly distinct from a step
 # [χ²] by which the threshold of a step is lower from the same age on, so that it is that of a rate: of what chance finds, hardly any is
-# such a step. Not beside work, where the starts of an old step share their evidence: `summed_evidence`
+# such a step. Not where production is observed, where the starts of an old step share their evidence: `summed_evidence`
 OF_OLD_STEP = DriftSettings().shift_sigma ** 2 - DriftSettings().pace_sigma ** 2
 # [χ²] The threshold of a step that began `LONG` replays ago or earlier is lower too where the joint's noise, by its present estimate, lies
 # between these two: by a parabola in log σ², 1.9 at σ 3.9 %. Where noise is less, a step of 5 % is found within three weeks without; where
@@ -61,7 +61,8 @@ OLD_REPLAYS = 40
 LEAST_SIGMA = 2.0  # [σ] lowest threshold at any age
 # [χ²] by which every threshold is higher where replays come e times as often as daily. Twice as many are twice as many chances, which costs
 # 2·ln 2 (Rice, 1945); and ages are counted in replays, so that old changes, which need less, are fewer days old. By trial, at σ 2 % and
-# ρ 0.5 from one replay to the next: 0.06 and 0.08 false advisories a robot-year at four a day, 0.06 at one. Not beside work
+# ρ 0.5 from one replay to the next: 0.06 and 0.08 false advisories a robot-year at four a day, 0.06 at one. Not where production is
+# observed
 OF_FREQUENT = 3.0
 MOST_A_DAY = 4.0  # replays within minutes of each other, by somebody who watches, do not blind the filter for weeks
 RATE_STD_PER_DAY = 0.01  # [1/day] prior standard deviation of a new wear rate, of its size
@@ -72,11 +73,12 @@ PRIOR_INFORMATION = np.array([STEP_STD, USUAL_RATE_PER_DAY])[:, None] ** -2  # (
 # [χ²] by which every threshold is lower in a young joint whose noise the fleet knows: 5.15 σ become 4.9. The thresholds cover what an arm
 # does not know of its noise, and starts of 200 replays; of a young joint there are few starts.
 KNOWN_NOISE = 2.5
-# Beside observed work, the starts of a rise share its evidence: rare replays do not tell them apart, and none of them alone may be sure
-# for weeks. With replays alone the sum finds nothing sooner at equal false alarms.
+# Where production is observed, the starts of a rise share its evidence: rare replays do not tell them apart, and none of them alone may be
+# sure for weeks. With replays alone the sum finds nothing sooner at equal false alarms.
 LONG = 28.0  # [observations] age from which starts are summed; younger ones are told apart, and a rise among them is a step
-# [χ²] by which the thresholds of those are higher beside work: its noise lasts for days, has long tails and is not the judge's. Most false
-# advisories beside work were steps of 3 to 5 % within three weeks, and a step of 5 % is found a day later for it.
+# [χ²] by which the thresholds of those are higher where production is observed: its noise lasts for days, has long tails and is not the
+# judge's. Most false advisories where production is observed were steps of 3 to 5 % within three weeks, and a step of 5 % is found a day
+# later for it.
 OF_PRODUCTION = 2.5
 SUMMED = 9.5  # [log] of the summed evidence from which a rise is found: by chance once in e^9.5 observations of a joint, 36 years
 SUMMED_STD = np.array([0.1, 0.2 / 365.0])[:, None]  # (2, 1) [log, 1/day] prior standard deviations of a step and of a rate in that sum
@@ -288,7 +290,7 @@ def detect_change(
         mean, cov = fresh.mean, fresh.cov
     taken = Taken(mean, cov, *np.zeros((5, N)))
     if of_wear.any():
-        # beside work, the outlier before may be the other source's, and nothing is taken off
+        # where production is observed, the outlier before may be the other source's, and nothing is taken off
         length = np.where(in_a_row & (state.sources is None), np.minimum(np.abs(gate.run), DENSE), 0.0)
         n = np.flatnonzero(of_wear)
         run = outlier_run(
@@ -334,8 +336,8 @@ def likelihood_ratios(
     """The likelihood ratio of each candidate, and its ratio to the threshold, (N, 2, W) each; 0 where `enough` is False.
 
     expected : (N, 2, W) mean square of the score where nothing changed. information : (N, 2, W) of the score. enough : (N, W) whether a
-    start has enough replays before it and since. beside_work : whether work is observed beside replays; of_work : [χ²] by which the
-    thresholds of young candidates are then higher.
+    start has enough replays before it and since. beside_production : whether production is observed beside replays; of_production : [χ²]
+    by which the thresholds of young candidates are then higher.
 
     The size of a change has a prior. What is compared with the threshold is the ratio of the likeliest size under it, with 1/σ² of the
     prior beside the information. A few replays that noise lines up fit a wear rate of several hundred per cent a year best, and few joints

@@ -34,7 +34,7 @@ from monitor.recording import Array
 OFTEN, FEWEST = 0.1, 3  # share and number of outliers from which they are the joint's noise, and no longer left out of it
 NOISE_KNOWN = 12  # [replays] before, size and correlation of the noise are too uncertain to tell what else chance does
 CONSISTENCY_REPLAYS = 20.0  # memory of the mean of normalised innovations squared
-LEVELS_KNOWN_VAR = 0.02**2  # [log²] of both levels: before, an observation from work says little of the course of friction
+LEVELS_KNOWN_VAR = 0.02**2  # [log²] of both levels: before, an observation from production says little of the course of friction
 HELD_SIGMAS = 1.5  # [σ] of wear below which observations speak against a rise that was found before
 CLIPPED = 3.0  # [σ] one replay changes the noise estimate by no more than a residual of this size
 
@@ -51,9 +51,9 @@ def update_filter(
 ) -> FilterState:
     """The state after a replay, from the state predicted to its time.
 
-    slot : (N,) in which the level of the replay's context is kept; SLOTS of an observation from work, with that source in force, and then
-    replay_slot : (N,) of the replays' context. same_mass : (N,) whether the arm was weighed and carries what it did before; None: no arm
-    was weighed. Joints without a resolved torque keep their mean and covariance.
+    slot : (N,) in which the level of the replay's context is kept; SLOTS of an observation from production, with that source in force, and
+    then replay_slot : (N,) of the replays' context. same_mass : (N,) whether the arm was weighed and carries what it did before; None: no
+    arm was weighed. Joints without a resolved torque keep their mean and covariance.
     """
     rho = state.autocorrelation(joints_per_arm, settings)
     var = state.noise_var(joints_per_arm, settings, rho)
@@ -121,7 +121,9 @@ def remember_rise(state: FilterState, sources: TwoSources, before: Array, change
 def in_course(
     mean: Array, cov: Array, innovation: Innovation, learnt: np.ndarray, replay_slot: Array | None
 ) -> tuple[Array, Array, np.ndarray]:
-    """Row, log torque and which joints (N,), as the course of friction keeps an observation: one from work as if a replay had seen it."""
+    """Row, log torque and which joints (N,), as the course of friction keeps an observation: one from production as if a replay had seen
+    it.
+    """
     row, y = innovation.row[:, SLOPE:STATES], innovation.log_torque
     if replay_slot is None:
         return row, y, learnt
