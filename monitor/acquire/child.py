@@ -4,11 +4,13 @@ A maker's library may crash, hang and print, so it lives in a process that may b
 lifeline: when it ends, the parent is gone. Rows and messages go back through a pipe of their own; the child never waits for its parent.
 """
 
+import base64
 import contextlib
 import ctypes
 import fcntl
 import json
 import os
+import pickle
 import select
 import signal
 import struct
@@ -79,8 +81,8 @@ PRINTED_TAIL = 2000  # bytes of the child's output that are kept
 class Child:
     """One running child, as a `Session`. The thread that makes it must outlive it: the kernel ties the death signal to that thread."""
 
-    def __init__(self, module: str, job: dict[str, Any]) -> None:
-        """Start `python -m module` and send it the job. Raises SessionEnded where no process can be started."""
+    def __init__(self, module: str, job: object) -> None:
+        """Start `python -m module` and send it the job, pickled. Raises SessionEnded where no process can be started."""
         out, way_back = os.pipe()
         try:
             with contextlib.suppress(OSError):  # a smaller pipe works too
@@ -101,11 +103,14 @@ class Child:
             raise SessionEnded(f"{module}: cannot start a process: {error}") from None
         finally:
             os.close(way_back)
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # so that the job fits, and this process waits for no interpreter to start
+            fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         os.set_blocking(out, False)
         self._pipe: int | None = out
         self._reader = FrameReader()
         self._printed = b""
-        self.send(json.dumps({**job, "parent_pid": os.getpid(), "pipe": way_back}))
+        self.send(base64.b64encode(pickle.dumps((os.getpid(), way_back, job))).decode())
 
     @property
     def printed(self) -> str:
@@ -179,7 +184,7 @@ EXIT_ORPHANED = 70  # the parent is gone
 EXIT_PIPE = 71  # the parent does not read, or its end of the pipe is closed
 
 
-def begin() -> tuple[dict[str, Any], "Outbox", "Lifeline"]:
+def begin() -> tuple[Any, "Outbox", "Lifeline"]:
     """Bind this process's life to its parent's and read the job: returns the job, the pipe to the parent and standard input.
 
     A child process calls it before anything else. From then on the system kills this process when its parent ends, and the signals of a
@@ -187,9 +192,9 @@ def begin() -> tuple[dict[str, Any], "Outbox", "Lifeline"]:
     """
     bind_to_parent()
     lifeline = Lifeline()
-    job = json.loads(lifeline.line())
-    leave_if_orphaned(job["parent_pid"])
-    return job, Outbox(job["pipe"]), lifeline
+    parent_pid, pipe, job = pickle.loads(base64.b64decode(lifeline.line()))  # noqa: S301 - from our own parent
+    leave_if_orphaned(parent_pid)
+    return job, Outbox(pipe), lifeline
 
 
 def bind_to_parent() -> None:

@@ -63,7 +63,7 @@ def torque_basis(
     model = model or _stored_model(store)
     if model is None or model.robot != robot.name:
         return BandBasis()
-    basis = BandBasis(model=model, payload_kg=earlier[0].context.payload_kg)
+    basis = BandBasis(model=model.as_document(), payload_kg=earlier[0].context.payload_kg)
     alike = [
         each
         for each in earlier

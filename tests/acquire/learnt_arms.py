@@ -78,7 +78,7 @@ class Learnt:
                 **known,
             )
             self.recordings.append(seen)
-        self.basis = BandBasis(model=last.model)
+        self.basis = BandBasis(model=last.model.as_document())
         profile = learn_profile(self.recordings, self.robot, self.excitation, SETTINGS, self.gains, self.basis)
         self.with_profile = replace(self.basis, profile=profile)
 

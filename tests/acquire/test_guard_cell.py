@@ -1,6 +1,6 @@
 """A trajectory is played only in the cell against which it was proved, and only where the way to its start is clear."""
 
-import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from excitations import short
 
-from monitor.acquire.driver import ReplayTask, job_document, task_from_document
+from monitor.acquire.driver import ReplayTask
 from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety import of_configuration as limits
-from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.safety.way import Left
+from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.config.files import find_excitation
 from monitor.design.cell import Box, Cell, plain_cell
 from monitor.errors import BadConfiguration, MotionRefused
@@ -90,14 +91,19 @@ def test_the_configuration_names_the_cell_and_the_speed_of_first_passes(tmp_path
         configured(tmp_path, cell="bad.toml")
 
 
-def test_a_job_for_the_child_is_plain_json():
-    """The task comes back from JSON as it went in, with its cell or without."""
-    for cell in (None, PLAIN):
-        task = ReplayTask(settings=replace(SETTINGS, cell=cell), excitation=GROUND, robot=UR5, context=Context(payload_kg=1.5))
-        document = json.loads(json.dumps(job_document(task)))
-        read = task_from_document(document)
-        assert json.loads(json.dumps(job_document(read))) == document
-        assert read.settings.cell == cell
-        assert read.settings.max_payload_error_kg == SETTINGS.max_payload_error_kg
-        assert read.excitation.digest == GROUND.digest
-        assert read.context == task.context
+@pytest.mark.parametrize("cell", [None, PLAIN])
+def test_a_job_reaches_the_process_that_moves_the_arm_unchanged(cell):
+    """It travels pickled, by standard input: with its cell or without, with the limits of the arm and all of the installation."""
+    task = ReplayTask(
+        settings=replace(SETTINGS, cell=cell),
+        excitation=GROUND,
+        robot=replace(UR5, max_speed_rad_s=np.ones(6)),
+        context=Context(payload_kg=1.5),
+        installation=Installation(gains_nm_per_a=(1.0,) * 6, safety_planes=((1.0, 0.0, 0.0, 0.6),)),
+        left=Left(path_digest="1", on_path=True, q=(0.1,) * 6),
+    )
+    read = pickle.loads(pickle.dumps(task))
+    assert (read.settings, read.context, read.installation, read.left) == (task.settings, task.context, task.installation, task.left)
+    assert read.excitation.digest == GROUND.digest
+    assert np.array_equal(read.robot.max_speed_rad_s, np.ones(6))
+    assert np.array_equal(read.robot.max_torque_nm, UR5.max_torque_nm)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from simulated_arm import known_gains
 from test_guard import SIMULATED, inputs, ready_state, tcp_of
 
-from monitor.acquire.driver import ReplayTask, job_document, task_from_document
 from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety.conditions import conditions, named_conditions
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
@@ -196,19 +195,6 @@ def test_the_tool_that_the_controller_reports_counts_where_none_is_configured():
     configured = replace(bare, installation=Installation(tcp_speed_limit_m_s=4.0, tcp_offset=(0.0, 0.0, 0.6, 0.0, 0.0, 0.0)))
     assert found("tcp_speed", bare).text == found("tcp_speed", configured).text
     assert found("tcp_speed", replace(bare, state=None)).text != found("tcp_speed", bare).text
-
-
-def test_the_installation_reaches_the_process_that_moves_the_arm_unchanged():
-    """It travels as JSON."""
-    installation = Installation(
-        gains_nm_per_a=GAINS,
-        payload_cog_m=(0.0, 0.0, 0.1),
-        tcp_offset=HALF_A_METRE_UP,
-        tcp_speed_limit_m_s=1.5,
-        safety_planes=((1.0, 0.0, 0.0, 0.6),),
-    )
-    task = ReplayTask(settings=SIMULATED, excitation=short(), robot=load_robot("ur5"), context=Context(), installation=installation)
-    assert task_from_document(job_document(task)).installation == installation
 
 
 def test_the_configuration_names_the_installation_and_its_mistakes(tmp_path):

@@ -57,7 +57,7 @@ def test_no_real_fourier_run_leaves_the_band_that_was_learnt_on_another(ur10e, l
     robot, settings = load_robot("ur10e"), replace(SETTINGS, rate_hz=100.0)
     seen = replace(ur10e[learnt_on], target_qdd=None, context=Context(recorded_at_unix_s=1.75e9))
     learnt = assess(seen, robot=robot, mounting=Mounting(), belief=None, health=None, gains=np.array(UR10E.gains_nm_per_a))
-    basis = BandBasis(model=learnt.model)
+    basis = BandBasis(model=learnt.model.as_document())
     for name, recording in ur10e.items():
         band = TorqueBand(robot, Mounting(), settings, UR10E, basis)
         found = first_outside(band, recording)

@@ -66,7 +66,8 @@ def cases() -> dict[str, Callable[[], object]]:
     factored = factors([rows])
     weights = 1.0 / fitted.rms_nm
     settings = ReplaySettings(host="127.0.0.1")
-    learnt = BandBasis(model=getattr(assess(recording, robot=robot, mounting=mounting, belief=None, health=None), "model", None))
+    model = getattr(assess(recording, robot=robot, mounting=mounting, belief=None, health=None), "model", None)
+    learnt = BandBasis(model=None if model is None else model.as_document())
     learnt = replace(learnt, profile=learn_profile([recording], robot, excitation, settings, Installation(), learnt))
     seen = recorded_rows(recording)[:1000]
 

@@ -58,7 +58,7 @@ def test_the_first_motion_has_nothing_and_later_ones_model_and_profile(configura
         assert torque_basis(store, configuration, EXCITATION, CONTEXT).model is None
         ids = [stored(store, *each, day) for day, each in enumerate(seen, start=1)]
         basis = torque_basis(store, configuration, EXCITATION, CONTEXT)
-        assert (basis.model.revision, basis.profile.replays, basis.payload_kg) == (2, 2, 0.0)
+        assert (basis.model["revision"], basis.profile.replays, basis.payload_kg) == (2, 2, 0.0)
         store.recordings.path(ids[1]).write_bytes(b"PAR1")
         assert torque_basis(store, configuration, EXCITATION, CONTEXT).profile.replays == 1
         store.recordings.path(ids[0]).unlink()

@@ -23,6 +23,7 @@ from monitor.acquire.safety.expected_torque import ExpectedTorque, JointInertia,
 from monitor.acquire.safety.torque_basis import STEP_S, BandBasis, TorqueProfile
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import DOES_NOT_HOLD, MotionRefused
+from monitor.judge.torque.model import model_from_document
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot
 from monitor.reason import Reason, Sentence
@@ -99,7 +100,7 @@ class TorqueBand:
     ) -> None:
         """Prepare the comparison; `installation` gives the gains, `basis` is what was learnt of this arm.
 
-        Raises MotionRefused where a drive gain is not known.
+        Raises MotionRefused where a drive gain is not known, BadInput where the model is none.
         """
         gains = installation.drive_gains(robot)
         if gains is None:
@@ -108,7 +109,12 @@ class TorqueBand:
         self._basis, self._column = basis, layout(J).column
         self._most, self._gains, self._profile = most, gains, basis.profile
         self._of: ExpectedTorque = expected_torque(
-            robot, mounting, basis.model, payload_kg=payload_kg, payload_com_m=payload_com_m, payload_error_kg=settings.max_payload_error_kg
+            robot,
+            mounting,
+            None if basis.model is None else model_from_document(basis.model),
+            payload_kg=payload_kg,
+            payload_com_m=payload_com_m,
+            payload_error_kg=settings.max_payload_error_kg,
         )
         self._inertia = JointInertia(robot, mounting)
         self._known, self._share = basis.model is not None, settings.first_pass_band

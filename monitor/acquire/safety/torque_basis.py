@@ -1,11 +1,13 @@
-"""What was learnt of one arm for its torque band: its model, and what earlier replays needed along the trajectory. Values only."""
+"""What was learnt of one arm for its torque band: its model, and what earlier replays needed along the trajectory. Values only.
+
+The process that watches a motion only hands it on, so nothing here loads a model.
+"""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.recording import Array
 
 STEP_S = 0.04  # between two points of a profile
@@ -29,31 +31,12 @@ class TorqueProfile:
         mean: Array = (1.0 - share) * self.mean_nm[i] + share * self.mean_nm[following]
         return mean, self.spread_nm[i]
 
-    def as_document(self) -> dict[str, Any]:
-        """As JSON can carry it; `profile_from_document` is the inverse."""
-        return {
-            "replays": self.replays,
-            "pass_s": self.pass_s,
-            "mean_nm": np.round(self.mean_nm, 2).tolist(),
-            "spread_nm": np.round(self.spread_nm, 2).tolist(),
-        }
-
-
-def profile_from_document(document: dict[str, Any]) -> TorqueProfile:
-    """The profile from such a document."""
-    return TorqueProfile(
-        replays=int(document["replays"]),
-        pass_s=float(document["pass_s"]),
-        mean_nm=np.array(document["mean_nm"], dtype=float),
-        spread_nm=np.array(document["spread_nm"], dtype=float),
-    )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandBasis:
     """What was learnt of an arm; nothing by default."""
 
-    model: CompensatedModel | None = None  # of this arm with this load
+    model: dict[str, Any] | None = None  # `CompensatedModel.as_document` of this arm with this load
     profile: TorqueProfile | None = None  # of the trajectory that is played, with this model
     payload_kg: float | None = None  # with which the model was learnt; None: not known
 
@@ -63,21 +46,4 @@ class BandBasis:
         if self.model is None:
             return "the manufacturer's parameters"
         learnt = "" if self.profile is None else f" and the profile of {self.profile.replays} earlier ones"
-        return f"the model of {self.model.revision} replays{learnt}"
-
-    def as_document(self) -> dict[str, Any]:
-        """As JSON can carry it; `basis_from_document` is the inverse."""
-        return {
-            "model": None if self.model is None else self.model.as_document(),
-            "payload_kg": self.payload_kg,
-            "profile": None if self.profile is None else self.profile.as_document(),
-        }
-
-
-def basis_from_document(document: dict[str, Any]) -> BandBasis:
-    """The basis from such a document. Raises BadInput where its model is none."""
-    return BandBasis(
-        model=None if document["model"] is None else model_from_document(document["model"]),
-        payload_kg=document["payload_kg"],
-        profile=None if document["profile"] is None else profile_from_document(document["profile"]),
-    )
+        return f"the model of {self.model['revision']} replays{learnt}"

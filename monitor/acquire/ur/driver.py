@@ -8,7 +8,7 @@ from importlib.metadata import version
 from typing import NamedTuple
 
 from monitor.acquire.child import Child
-from monitor.acquire.driver import NodeSays, OurEnd, OurProgram, ReplayTask, SafetyStop, Session, job_document
+from monitor.acquire.driver import NodeSays, OurEnd, OurProgram, ReplayTask, SafetyStop, Session
 from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.state import ArmState, Identity, Software
 from monitor.acquire.ur import conversation, primary
@@ -210,7 +210,7 @@ class UniversalRobots:
 
     def stream(self, task: ReplayTask) -> Session:
         """A process that plays one replay once it is told `go`."""
-        return Child("monitor.acquire.ur.stream", job_document(task))
+        return Child("monitor.acquire.ur.stream", task)
 
     def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
         """Why a session's process ended without a last word."""

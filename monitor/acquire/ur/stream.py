@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
-from monitor.acquire.driver import ReplayTask, task_from_document
+from monitor.acquire.driver import ReplayTask
 from monitor.acquire.protocol import Event, Order, Phase, Program
 from monitor.acquire.safety.conditions import check_quick, check_state, inputs
 from monitor.acquire.safety.inputs import ConditionInputs
@@ -258,13 +258,13 @@ FAULT = Sentence("fault", "{kind}: {what}")
 
 def main() -> None:
     """One replay, as the job on standard input says; never returns."""
-    job, outbox, lifeline = begin()
+    task: ReplayTask
+    task, outbox, lifeline = begin()
     # before ur-rtde starts its threads, which inherit it; a simulated arm shares our processors and would get no time beside us
-    real_time = not ipaddress.ip_address(job["settings"]["host"]).is_loopback and request_real_time()
+    real_time = not ipaddress.ip_address(task.settings.host).is_loopback and request_real_time()
     gc.disable()  # the process lives for one replay; a collection would take several ticks
     arm: Arm | None = None
     try:
-        task = task_from_document(job)
         known = inputs(task.settings, task.excitation, task.robot, task.context, task.installation, task.left)
         check_quick(known)
         outbox.message(Event.CONNECT, duration_s=0.0)
