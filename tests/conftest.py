@@ -15,7 +15,9 @@ from hypothesis import settings
 
 ROOT = Path(__file__).parent.parent
 ON_THE_WIRE = {"acquire", "simulate", "publish", "views"}  # folders whose tests wait for a client or a browser on a busy machine
-settings.register_profile("ours", deadline=None, derandomize=True)  # two noisy cores: no time limits; the same examples everywhere
+settings.register_profile(
+    "ours", deadline=None, derandomize=True, max_examples=40
+)  # no time limits on a busy machine; the same examples everywhere
 settings.load_profile("ours")
 gc.disable()  # until the tests are read: to look for rubbish in what stays takes a third of that time, in each worker
 

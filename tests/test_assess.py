@@ -60,7 +60,7 @@ def test_a_cold_monday_is_no_wear():
     assert history.transitions == []
 
 
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.soak), pytest.param(3, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2, 3))])
 def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
     """From day 30 on, 2 % noise: an advisory within 35 days, a wear alert within 45 days (15 % by then), both of joint 3 only."""
     history = lived(80, seed=seed, wear=lambda day: on_joint_3(max(0, day - 30) * 0.1 / 30))
@@ -73,7 +73,7 @@ def test_wear_of_ten_percent_a_month_is_detected_in_its_joint(seed):
     assert history.last.friction[2].wear == pytest.approx(truth, abs=0.06)
 
 
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2))])
 def test_a_step_of_eight_percent_is_detected(seed):
     """1 % noise: a wear alert within 8 replays of the step, of joint 3 only, and the size is right to 2.5 %."""
     history = lived(80, seed=seed, noise=0.01, wear=lambda day: on_joint_3(0.08 * (day >= 60)))
@@ -254,6 +254,7 @@ def simulated() -> list[Assessment]:
     return verdicts
 
 
+@pytest.mark.soak
 def test_the_whole_flow_detects_the_worn_joint_of_a_simulated_arm(simulated):
     """Full physics and the real identification: joint 3 has wear, no other has, and the size is right to 5 %."""
     raised = {(alert.joint, alert.tier) for verdict in simulated for _, alert in verdict.transitions if alert.tier != "advisory"}
@@ -262,6 +263,7 @@ def test_the_whole_flow_detects_the_worn_joint_of_a_simulated_arm(simulated):
     assert not any(verdict.transitions for verdict in simulated[:8])
 
 
+@pytest.mark.soak
 def test_the_simulated_arm_shows_friction_falling_with_temperature(simulated):
     """Every joint's β is positive after 12 days over 12 K, as in the paper, and the range is that of the simulated temperatures."""
     last = simulated[-1]

@@ -3,7 +3,7 @@
 from collections import deque
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.acquire.protocol import KNOWN, MOTIONS, STREAMING, Event, Order, Phase, Program, State, Unexpected
@@ -32,6 +32,7 @@ STARTS = [State.at_start(lent=lent) for lent in (False, True)]
 STATES = sorted({state for start in STARTS for state in reached(start)})
 
 
+@settings(max_examples=200)
 @given(st.sampled_from(STATES), st.sampled_from(Event))
 def test_an_event_is_a_named_transition_or_is_refused(state, event):
     """Never a third thing, and a refused event changes nothing."""
@@ -42,6 +43,7 @@ def test_an_event_is_a_named_transition_or_is_refused(state, event):
             state.after(event)
 
 
+@settings(max_examples=200)
 @given(st.sampled_from(STARTS), st.lists(st.sampled_from(Event), max_size=30))
 def test_nothing_moves_that_was_not_told_to_go(state, events):
     """Whatever comes in whatever order, from either side."""
@@ -54,6 +56,7 @@ def test_nothing_moves_that_was_not_told_to_go(state, events):
         assert state.gone == gone
 
 
+@settings(max_examples=200)
 @given(st.sampled_from([state for state in STATES if state.phase in STREAMING]))
 def test_a_stop_leads_a_moving_arm_to_an_end_without_another_motion(state):
     """It settles, and its program ends or it is given back; a lent arm that is elsewhere ends with its session, and is looked at."""
@@ -65,6 +68,7 @@ def test_a_stop_leads_a_moving_arm_to_an_end_without_another_motion(state):
     assert any(each.over for each in reached(stopped.after(Event.DIED), AFTER))
 
 
+@settings(max_examples=200)
 @given(st.sampled_from([state for state in STATES if state.order is Order.BACK]))
 def test_an_arm_that_is_ordered_back_rests_before_it_goes_back_and_can_be_stopped_at_any_time(state):
     assert state.brings_back
@@ -74,6 +78,7 @@ def test_an_arm_that_is_ordered_back_rests_before_it_goes_back_and_can_be_stoppe
         assert (after.order, after.must_rest) == (Order.COMING_BACK, False)
 
 
+@settings(max_examples=200)
 @given(st.sampled_from([state for state in STATES if state.phase is not Phase.ENDED]))
 def test_a_session_may_die_in_every_state_and_there_is_no_end_before_it_is_known_what_became_of_the_program(state):
     """Our program has ended, another has its arm or has lost it, or it is unknown: then somebody looks."""
@@ -88,12 +93,14 @@ def test_a_session_may_die_in_every_state_and_there_is_no_end_before_it_is_known
         assert all(each.moved for each in ends)
 
 
+@settings(max_examples=200)
 @given(st.sampled_from([state for state in STATES if state.phase is Phase.ENDED and state.program not in KNOWN]))
 def test_at_an_end_something_is_to_be_found_out_or_stopped_until_it_is_known(state):
     assert state.unanswered != state.may_run
     assert next_states(state, AFTER)
 
 
+@settings(max_examples=200)
 @given(st.sampled_from([state for state in STATES if state.moved and state.program in {Program.OURS, Program.LENDS}]))
 def test_a_refusal_cannot_follow_a_command_to_the_arm(state):
     """It would say that nothing was moved."""
@@ -102,6 +109,7 @@ def test_a_refusal_cannot_follow_a_command_to_the_arm(state):
         assert not state.allows(Event.UNREACHABLE)
 
 
+@settings(max_examples=200)
 @given(st.sampled_from(STATES))
 def test_only_an_arm_that_a_program_lends_is_given_back(state):
     """And an own program never plays beside one that lends its arm."""

@@ -36,7 +36,7 @@ def called(*arguments: str) -> Result:
 @pytest.mark.slow
 def test_the_same_command_gives_the_same_bytes_and_a_picture(tmp_path: Path):
     """Another process with the same seed gives an equal file. The report names the clearances, and the picture is a valid image."""
-    common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 60, "--seed", 5)
+    common = ("--robot", "ur3", "--mounting", "wall", "--evaluations", 20, "--seed", 5)
     result = ran(*common, "-o", tmp_path / "a.json", "--plot", tmp_path / "a.png")
     answer = json.loads(called(*map(str, common), "-o", str(tmp_path / "b.json"), "--json").stdout)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()

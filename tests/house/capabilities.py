@@ -505,6 +505,7 @@ VERDICTS: dict[str, tuple[str, ...]] = {  # how they are found, kept and explain
         "judge/test_belief.py::test_a_belief_read_from_json_gives_the_same_next_assessment",
     ),
     "worlds of a rehearsal": (
+        "cli/test_commands_rehearse.py::test_a_world_is_played_by_its_name",
         "studies/test_worlds.py::test_a_plain_world_is_judged_and_its_document_is_plain_json",
         "evidence/test_card.py::test_every_world_of_the_card_has_arms",
     ),
@@ -990,7 +991,10 @@ FRICTION_LAWS: dict[str, tuple[str, ...]] = {  # each of `model.friction`
 }
 
 OBJECTIVES: dict[str, tuple[str, ...]] = {  # each of `design.objective`
-    "friction": ("design/test_figures.py::test_the_friction_objective_beats_the_condition_number_on_the_simulated_arm",),
+    "friction": (
+        "design/test_figures.py::test_the_friction_objective_beats_the_condition_number_on_the_simulated_arm",
+        "design/test_trajectories.py::test_a_search_improves_and_returns_its_best_when_it_is_stopped",
+    ),
     "condition": ("design/test_curve_and_objective.py::test_the_figures_of_merit_are_their_definitions",),
     "scaled": ("design/test_curve_and_objective.py::test_the_figures_of_merit_are_their_definitions",),
     "dopt": ("design/test_curve_and_objective.py::test_the_figures_of_merit_are_their_definitions",),
@@ -1066,7 +1070,10 @@ SIMULATOR: dict[str, tuple[str, ...]] = {  # the controller made of software
 }
 
 SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator; the matrix survives every one at every moment of a replay
-    "stall": ("acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",),
+    "stall": (
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+        "acquire/test_fault_matrix.py::test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named",
+    ),
     "close": (
         "simulate/test_sim_faults.py::test_connections_of_each_service_can_be_closed_and_reset",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
@@ -1103,8 +1110,14 @@ SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator;
         "simulate/test_sim_faults.py::test_a_mute_controller_accepts_and_sends_nothing",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
     ),
-    "robot_api": ("acquire/test_polyscope_x.py::test_a_robot_api_that_fails_in_the_middle_ends_the_motion_and_the_arm_comes_to_rest",),
-    "manual_mode": ("acquire/test_polyscope_x.py::test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause",),
+    "robot_api": (
+        "acquire/test_polyscope_x.py::test_a_robot_api_that_fails_in_the_middle_ends_the_motion_and_the_arm_comes_to_rest",
+        "simulate/test_sim_polyscope_x.py::test_a_faulty_robot_api_answers_so_until_the_fault_is_cleared",
+    ),
+    "manual_mode": (
+        "acquire/test_polyscope_x.py::test_a_stop_or_a_lost_connection_ends_the_motion_by_its_cause",
+        "simulate/test_sim_polyscope_x.py::test_in_local_control_everything_is_told_and_nothing_is_done",
+    ),
     "text_at_connect": (
         "simulate/test_sim_faults.py::test_a_text_message_at_connect_comes_before_the_first_reply",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
@@ -1125,7 +1138,10 @@ SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator;
         "simulate/test_sim_faults.py::test_remote_control_off_is_reported",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
     ),
-    "digital_input": ("acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",),
+    "digital_input": (
+        "cli/test_commands_motion.py::test_a_digital_input_is_a_permit",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
     "foreign_program": (
         "simulate/test_sim_interference.py::test_somebody_elses_program_starts_after_ours_has_ended",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
@@ -1243,9 +1259,11 @@ SURVIVED: dict[str, tuple[str, ...]] = {  # what happens to the monitor and its 
         "acquire/test_lending_soak.py::test_two_hundred_cycles_with_twenty_replays_go_on_at_the_next_node",
         "acquire/test_lending_soak.py::test_each_fault_at_each_phase_of_a_borrowed_arm",
         "acquire/test_borrowed_arm.py::test_a_monitor_that_hangs_while_it_has_the_arm_gives_it_back",
+        "acquire/test_borrowed_arm.py::test_a_dead_child_in_local_control_stops_arm_and_program",
     ),
     "what happens at the controller": (
         "acquire/test_happenings.py::test_whatever_happens_at_the_controller_has_its_cause_and_nothing_of_ours_begins_again",
+        "acquire/test_arms_as_recorded.py::test_the_freedrive_button_ends_a_motion_and_forbids_the_next",
     ),
     "what stands against a motion": (
         "acquire/test_idle_faults.py::test_what_stands_against_a_motion_refuses_it_by_its_condition_and_nothing_starts",
@@ -1308,6 +1326,7 @@ SURVIVED: dict[str, tuple[str, ...]] = {  # what happens to the monitor and its 
     ),
     "gateway killed and servers away": (
         "plant/test_everything_killed_soak.py::test_one_mail_and_one_ticket_an_alert_over_a_hundred_restarts_of_everything_and_a_day_s_outage",
+        "gateway/test_frame.py::test_a_transition_is_offered_once_over_restarts_and_what_was_before_the_gateway_is_told_to_nobody",
     ),
     "malformed queries": (
         "publish/test_malformed.py::test_every_generated_malformed_query_gets_an_error",
@@ -1320,6 +1339,7 @@ SURVIVED: dict[str, tuple[str, ...]] = {  # what happens to the monitor and its 
     "memory over many replays": (
         "publish/test_ten_thousand_replays.py::test_ten_thousand_replays_do_not_grow_memory",
         "service/test_production_listener.py::test_a_month_of_production_takes_no_more_memory_than_a_week_of_it",
+        "service/test_production_listener.py::test_a_thread_that_is_late_loses_blocks_and_no_memory",
     ),
     "production over a kill": ("service/test_production_listener.py::test_a_kill_costs_the_last_minutes_and_no_day_is_judged_twice",),
     "a study's workers killed": (

@@ -75,6 +75,22 @@ def test_every_capability_has_a_test_that_exists():
     assert missing == []
 
 
+ONLY_IN_SOAK = {"a study's workers killed"}  # for minutes
+
+
+def test_every_capability_has_a_test_that_is_no_soak():
+    """`make test` holds each; the soak adds evidence."""
+    soak = set()
+    for path in by_file():
+        tree = ast.parse((ROOT / "tests" / path).read_text("utf-8"))
+        whole = any(ast.unparse(node).startswith("pytestmark") and "mark.soak" in ast.unparse(node) for node in tree.body)
+        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
+        marked = [each for each in functions if whole or "pytest.mark.soak" in map(ast.unparse, each.decorator_list)]
+        soak |= {f"{path}::{each.name}" for each in marked}
+    without = [what for rows in capabilities.CAPABILITIES.values() for what, tests in rows.items() if soak.issuperset(tests)]
+    assert set(without) == ONLY_IN_SOAK
+
+
 def by_file() -> dict[str, set[str]]:
     """The tests that the table names, by their file."""
     found: dict[str, set[str]] = {}

@@ -39,7 +39,7 @@ def test_without_noise_up_is_found_to_a_thousandth_of_a_degree(mounting):
         assert found.mounting.gravity_in_base == pytest.approx(Mounting.parse(mounting).gravity_in_base, abs=1e-3)
 
 
-@pytest.fixture(scope="module", params=["ground", "ceiling", "wall"])
+@pytest.fixture(scope="module", params=["wall", *(pytest.param(name, marks=pytest.mark.soak) for name in ("ground", "ceiling"))])
 def replayed(request):
     """A stepped replay of the simulator, whose friction follows laws that no identification assumes."""
     mounting = Mounting.parse(request.param)

@@ -118,7 +118,7 @@ def test_a_stored_model_of_an_unknown_law_is_refused(law, monkeypatch):
             model_from_document(document)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_pages_code_has_the_approval_of_ruff_and_mypy(tmp_path):
     """The blocks of the page, written into `friction.py` at the places that the page names."""
     root = Path(__file__).parents[2]

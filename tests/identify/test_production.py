@@ -135,7 +135,7 @@ def test_information_of_another_arm_or_payload_is_not_added(usual):
 # --- estimates ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_intervals_hold_what_a_replay_at_that_temperature_and_wear_finds():
     """Nine cells at three rates, other speeds, other temperatures and wear than in the replay: unbiased, and 90 % of 90 % intervals hold.
 

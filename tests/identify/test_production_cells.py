@@ -26,7 +26,7 @@ def test_production_holds_the_true_friction_of_the_joints_that_it_moves(folder):
     assert found.friction_nm[0] / found.document["replay"]["friction_nm"][0] > 1.04  # of 10 %, the arm being 2 K colder than in the replay
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_hand_in_freedrive_is_recognised_and_shifts_nothing(folder):
     """No button is held and the program plays: the time is left out as disturbed, and what remains is true."""
     found = listened(folder, ProductionSettings(cell="hand-guiding", hours=22.0 / 3600.0))
@@ -34,7 +34,7 @@ def test_a_hand_in_freedrive_is_recognised_and_shifts_nothing(folder):
     assert not (np.abs(found.z) > FALSE_SHIFT).any()  # NaN where nothing is told
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_tool_that_drags_where_one_joint_moves_alone_is_no_friction_of_that_joint(folder):
     """Polishing at 60 %, in force control that no column tells: along the strokes joint 1 feels 45 % more than its friction."""
     found = listened(folder, ProductionSettings(cell="polishing", hours=20.0 / 3600.0, seed=41, speed=0.6))

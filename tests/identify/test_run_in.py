@@ -73,7 +73,7 @@ def first_pass(played: Recording) -> Recording:
     return replace(played, **{name: signal[rows] for name, signal in played.signals.items()})
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_replays_after_rest_and_after_production_agree_without_the_first_twenty_seconds(replays):
     """One pass from the start differs by 1.8 % or more in every joint, as large as all other scatter; the third pass by 0.8 % at most."""
     rested, worked = (log_friction(first_pass(played)) for played in replays)

@@ -78,7 +78,7 @@ TOLD = {"current_stuck", "current_held", "current_saturated", "gain_doubtful", "
 
 
 @pytest.mark.parametrize("bad", BAD_CURRENTS)
-@pytest.mark.parametrize("others_at_rest", [False, True])
+@pytest.mark.parametrize("others_at_rest", [True, pytest.param(False, marks=pytest.mark.soak)])
 @pytest.mark.slow
 def test_a_joint_whose_current_is_bad_is_told_among_sweeps(sweeps, bad, others_at_rest):
     """Columns of one recording are zero in another one; nothing about that ends in a traceback."""

@@ -65,7 +65,7 @@ def test_a_step_among_the_first_replays_belongs_to_the_baseline():
     assert np.all(after.wear_std[1::6] < 0.015)
 
 
-@pytest.mark.parametrize("first", range(DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 3))
+@pytest.mark.parametrize("first", [DRIFT.baseline_replays - 1, DRIFT.baseline_replays + 2])
 @pytest.mark.parametrize("size", [1.0, -0.3])
 @pytest.mark.slow
 def test_a_jump_right_after_the_baseline_is_wear_although_it_is_gated(first, size):
@@ -88,7 +88,7 @@ def test_every_one_of_the_last_replays_may_be_the_start_of_a_change():
     assert np.max(np.diff(ages[DENSE:]) / ages[DENSE:-1]) < 0.25
 
 
-@pytest.mark.parametrize("true", [0.04, 0.20])
+@pytest.mark.parametrize("true", [0.20])
 @pytest.mark.slow
 def test_noise_far_above_its_prior_is_learnt_although_the_gate_excludes_much_of_it(true):
     """Noise of twice or ten times the prior of 2 %: after 80 days the estimate is within a quarter."""

@@ -203,7 +203,9 @@ def test_joints_of_other_arms_do_not_matter():
     assert len(CHANNELS) == len(together.shift)
 
 
-@pytest.mark.parametrize(("kind", "words"), [("low", "friction at 0.1 rad/s rose by +1"), ("place", "wear at one place")])
+@pytest.mark.parametrize(
+    ("kind", "words"), [("low", "friction at 0.1 rad/s rose by +1"), pytest.param("place", "wear at one place", marks=pytest.mark.soak)]
+)
 @pytest.mark.slow
 def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
     """From identifications on, as the daemon judges them: one alert, wear_rising of joint 3, with the channel in its text."""

@@ -77,7 +77,7 @@ def test_a_fleet_that_wears_along_one_path_says_so_and_how_long_it_takes():
     assert found.life_spread < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_at_a_third_of_life_a_prior_of_wear_brings_the_median_to_the_truth():
     """Arms that it was not learnt from: within 20 % of the truth in most, and in more of them than without."""
     near = []
@@ -88,7 +88,7 @@ def test_at_a_third_of_life_a_prior_of_wear_brings_the_median_to_the_truth():
     assert near[1] > near[0]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_joint_that_wears_otherwise_is_not_held_to_its_fleet():
     """It accelerates; 200 joints of its fleet rise along a straight path, and take three times as long. Its date is hardly later."""
     slow = WearPrior(joints=200, slowing=0.02, straight=0.96, accelerating=0.02, life_days=3.0 * LIFE, life_spread=0.2)
@@ -98,7 +98,7 @@ def test_a_joint_that_wears_otherwise_is_not_held_to_its_fleet():
     assert np.median(days) < 1.2 * np.median(without)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_prior_that_says_nothing_of_wear_changes_no_date():
     """A document of an earlier release has no such figures: every field of remaining life is the same to the bit."""
     state, _ = worn_fleet("accelerating", ASKED, 0.75)

@@ -196,7 +196,7 @@ def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():
     assert np.all(np.abs(own(np.array([-3.0, 3.0, 0.5, 0.5, 0.5, 0.5]), 2.0)) <= 1.0)  # of two replays ρ may be anything
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
     """12 arms for a year, ρ from 0 to 0.9 within each: 22 to 24 joints have an alert where all have the ρ of their arm, and 3 to 9 here."""
     rho = np.tile(np.linspace(0.0, 0.9, J), 12)
@@ -204,7 +204,7 @@ def test_joints_of_long_noise_among_joints_that_only_scatter_raise_few_alerts():
     assert alerted.sum() <= 10
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
     """10 % a year for four months among joints of ρ 0.5: the joint's ρ stays within 0.05 of its fellows' on average."""
     days, onset, arms = 220, 100, 12
@@ -215,8 +215,8 @@ def test_slow_wear_of_one_joint_is_not_taken_for_its_correlation():
     assert np.mean(rho[:, 2] - np.delete(rho, 2, axis=1).mean(axis=1)) < 0.05
 
 
-@pytest.mark.parametrize("unresolved", [pytest.param(0, marks=pytest.mark.soak), 2, pytest.param(5, marks=pytest.mark.soak)])
-@pytest.mark.slow
+@pytest.mark.parametrize("unresolved", [0, 2, 5])
+@pytest.mark.soak
 def test_a_joint_that_is_never_resolved_does_not_make_the_others_alike(unresolved):
     """As above: 10 to 21 joints of 12 arms have an alert where one that tells nothing counts like the others, and 0 to 9 here."""
     rho = np.tile(np.linspace(0.0, 0.9, J), 12)

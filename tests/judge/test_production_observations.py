@@ -284,7 +284,7 @@ def risen(plant: Plant) -> list[float]:
     return plant.history.last.belief.filter_state.sources.risen.tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_rise_that_was_found_is_remembered_until_observations_speak_against_it(plant):
     """Joint 2 rises slowly by work and a replay a week; then friction is as before again."""
     found = []
@@ -347,7 +347,7 @@ def test_the_rise_of_a_joint_that_was_replaced_is_forgotten(plant):
     assert after.sources.risen.tolist() == [1.0, 1.0, 0.0, 1.0, 1.0, 1.0]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_step_that_is_found_later_keeps_the_rise_that_was_found_before(plant):
     steps = []
     for day in range(LEARNT + 20, LEARNT + 115):
@@ -362,7 +362,7 @@ def test_a_step_that_is_found_later_keeps_the_rise_that_was_found_before(plant):
     assert risen(plant)[1] == 1.0
 
 
-@pytest.mark.parametrize("by", [0.06, -0.06])
+@pytest.mark.parametrize("by", [0.06, pytest.param(-0.06, marks=pytest.mark.soak)])
 @pytest.mark.slow
 def test_the_production_of_a_joint_that_was_replaced_has_a_new_level_and_nothing_found_of_the_old_one(plant, by):
     """A new joint has another friction: its work is neither worn nor in doubt, before the next replay and after it."""

@@ -83,7 +83,7 @@ def test_running_in_is_no_alert_and_hides_no_step():
     assert not np.delete(lived.rises, 2, axis=2).any()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_new_grease_that_nobody_declared_is_told_and_hides_no_wear():
     """A fall of 10 % at once is told within 10 days; wear of 20 % a year from then on, although friction stays below the beginning."""
 
@@ -110,7 +110,7 @@ def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
     assert lived.rises[150:, :, 4].any(axis=0).sum() >= 7
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_small_payload_is_told_of_the_arm():
     """Shoulder and elbow rise by 4 and 3 %, the wrists by less than 1 %: few arms are told of a joint's wear."""
     pattern = np.array([0.003, 0.04, 0.03, 0.01, 0.008, 0.0])

@@ -153,7 +153,7 @@ def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     assert needed(20.0, beside_production=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_PRODUCTION)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_step_in_a_noisy_joint_is_found_sooner_than_by_the_threshold_of_a_usual_one(monkeypatch):
     """Thirty arms of σ 3.8 %, and a step of 5 % in their third joints: sooner in some of them, and later in none."""
 

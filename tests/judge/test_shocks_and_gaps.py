@@ -75,7 +75,7 @@ def test_a_step_of_a_fifth_is_told_within_ten_days_however_long_noise_lasts() ->
 
 
 @pytest.mark.parametrize("rho", [0.5, 0.8])
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_size_of_a_step_is_known_no_better_than_outliers_that_share_their_noise_tell(rho: float) -> None:
     """Joint 2 of 80 arms steps by 20 % on day 90: over the six days from its alert on, wear is within 1.645 of its ± in 86 % and more.
 
@@ -115,7 +115,7 @@ def test_noise_that_grows_is_taken_for_what_it_is_within_a_fortnight() -> None:
     assert present(activity, J) == pytest.approx(1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -> None:
     """12 % more in one joint, 4.5 σ of new noise at the third replay: Gaussian noise has none, noise with 2.5 % of outliers some."""
     arms, onset = 20, 160
@@ -132,7 +132,7 @@ def test_outliers_in_a_row_prove_a_step_at_once_only_where_outliers_are_rare() -
     assert later.mean() >= 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_outliers_of_a_step_are_no_sign_of_long_tails() -> None:
     """A quarter more in one joint: neither while its outliers are counted nor afterwards does the arm seem to have outliers."""
     y = noise(9, 130, 10, rho=0.0)

@@ -188,7 +188,10 @@ def test_without_a_damage_verdict_and_figures_are_what_they_were():
     assert '"sudden_step"' in before[0]
 
 
-@pytest.mark.parametrize("stage", DAMAGES)
+SAMPLE = list(DAMAGES)[::5]
+
+
+@pytest.mark.parametrize("stage", [*SAMPLE, *(pytest.param(name, marks=pytest.mark.soak) for name in DAMAGES if name not in SAMPLE)])
 @pytest.mark.slow
 def test_a_damaged_stage_changes_the_daemons_verdict_and_the_fleets_figures(stage, monkeypatch):
     """Both go through the one step: there is no copy of it that could be left behind."""

@@ -240,7 +240,7 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
     assert {joint.state for joint in with_level.health.joints} == {"NORMAL"}
 
 
-@pytest.mark.parametrize("weighed", [True, False])
+@pytest.mark.parametrize("weighed", [True, pytest.param(False, marks=pytest.mark.soak)])
 @pytest.mark.slow
 def test_shoulder_and_elbow_that_wear_alike_are_told_where_weighing_excludes_a_payload(monkeypatch, weighed):
     """Both rise by 6 % at one replay, as with a payload; the weights as before say that it is wear, told within 25 days."""

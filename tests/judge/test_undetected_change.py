@@ -61,7 +61,7 @@ def test_a_healthy_joint_has_the_uncertainty_of_one_that_may_wear():
     assert np.allclose(std, belief.wear_std, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
     """Of 100 joints of σ = 2 % that step by the size told for each of them, detection finds nine of ten at least in ten days, to 80 %."""
     rng, arms, day = np.random.default_rng(3), 20, 90
@@ -86,7 +86,7 @@ def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
     assert found[stepped].mean() >= 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_step_that_may_be_unseen_is_by_the_threshold_of_the_joints_noise():
     """Three replays a day, of σ 4 %: after ten days detection needs less than in a joint of σ 2 %, and that is what is told."""
     rng, state = np.random.default_rng(5), None

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from command_line import program
+from command_line import ended
 from lived_monitor import identified, live_through
 
 from monitor.config.load import load
@@ -44,8 +44,8 @@ def test_a_history_of_another_arm_is_named_and_a_start_with_it_is_refused(tmp_pa
     [found] = [each for each in service_conditions(load(config)) if each.name == "history"]
     assert not found.holds
     assert why in found.text
-    ended = program("run", "--config", config, timeout_s=60.0)
-    assert ended.returncode == 78, ended.stderr
-    assert why in ended.stderr
-    assert "begin a new history" in ended.stderr
-    assert "Traceback" not in ended.stderr
+    result = ended("run", "--config", config)
+    assert result.returncode == 78, result.stderr
+    assert why in result.stderr
+    assert "begin a new history" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -182,6 +182,7 @@ def test_the_history_with_production_is_recomputed_to_the_last_bit(plant: Plant,
     assert (result["assessments"], result["identical"], result["different"]) == (LIVED + 1, LIVED + 1, 0)
 
 
+@pytest.mark.soak
 def test_a_process_of_its_own_judges_a_day_of_production_to_the_last_bit_and_the_daemon_loads_nothing_for_it(
     plant: Plant, history, tmp_path
 ):
@@ -329,6 +330,7 @@ def working_arm() -> Iterator[str]:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.soak
 def test_a_daemon_that_is_killed_between_days_of_production_loses_no_kept_sum_and_judges_no_day_twice(history, tmp_path, working_arm):
     """A process of its own beside an arm at work: killed in the afternoon, and after it has judged that day; what was kept counts once."""
     folder = tmp_path / "history"

@@ -83,18 +83,18 @@ def test_assess_prints_one_object(recordings):
 def test_rehearse_answers_for_a_configuration(tmp_path, monkeypatch):
     """A small fleet gives false alarms, delays and remaining life in one object, and a picture.
 
-    Wear begins within ten days of the end of learning. That of 100 % a year is watched for 45 days more: by then it is found, which is
+    Wear begins within five days of the end of learning. That of 100 % a year is watched for 40 days more: by then it is found, which is
     asked here; the other kinds only until it has begun.
     That it may begin on any day of a year costs two years of each kind of wear, and `make soak` plays them. The fleet without wear is
-    watched for a fifth of a year. Lives are short ones, of some weeks, and every arm is asked on each path at each share of its life.
+    watched for twenty days. Lives are short ones, of some weeks, and every arm is asked on each path at each share of its life.
     """
-    monkeypatch.setattr(rehearsal, "FleetSettings", partial(FleetSettings, days=LEARNING_DAYS + 73))
-    monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 10))
-    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + (55 if per_year == 1.0 else 12))
-    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(2.40, 4.80)))
+    monkeypatch.setattr(rehearsal, "FleetSettings", partial(FleetSettings, days=LEARNING_DAYS + 20))
+    monkeypatch.setattr(detection, "onsets", partial(detection.onsets, latest=LEARNING_DAYS + 5))
+    monkeypatch.setattr(detection, "days_to_play", lambda step, per_year: LEARNING_DAYS + (45 if per_year == 1.0 else 7))
+    monkeypatch.setattr(rehearsal, "life_jobs", partial(rehearsal.life_jobs, per_year=(4.0, 6.0)))
     picture = tmp_path / "delays.png"
     document = json.loads(printed("rehearse", "--config", ROOT / "config/monitor.toml", "--arms", 16, "--json", "--plot", picture))
-    assert document["robot_years"] == pytest.approx(16 * 73 / 365)
+    assert document["robot_years"] == pytest.approx(16 * 20 / 365)
     assert {row["wear"] for row in document["detection"]} >= {"5 % step", "10 %/year"}
     fast = next(row for row in document["detection"] if row["wear"] == "100 %/year")
     assert fast["median_days"] < 40

@@ -30,7 +30,7 @@ class Remote:
     change: Callable[[str], None]  # bytes of an object, at its full length
 
 
-@pytest.fixture(params=["folder", "bucket"])
+@pytest.fixture(params=["bucket", pytest.param("folder", marks=pytest.mark.soak)])
 def remote(request: pytest.FixtureRequest, lived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Remote]:  # noqa: F811
     """In a folder, and on a real S3 server."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -115,6 +115,7 @@ def test_intervals_with_a_prior_cover_as_they_say_in_the_first_weeks(document):
     assert 0.85 < covered < 0.97
 
 
+@pytest.mark.soak
 def test_an_arm_of_another_kind_is_not_held_to_the_fleet(document):
     """Friction falls twice as steeply as in the fleet: intervals still hold, and the slope is found as without the prior."""
     assess = with_prior(document)

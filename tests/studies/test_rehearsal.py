@@ -36,6 +36,7 @@ def test_a_healthy_fleet_has_few_alerts():
     assert np.nanmedian(np.abs(quiet.slope_error_per_k)) < 0.001
 
 
+@pytest.mark.soak
 def test_a_step_of_five_percent_is_detected_within_weeks_in_its_joint():
     """σ = 2 %, ρ = 0.5: the median of 24 arms is below 15 days (it is 10 on 250 arms), and nine of ten name the right joint."""
     wear = onsets(24, 1, step=0.05, latest=200)
@@ -45,6 +46,7 @@ def test_a_step_of_five_percent_is_detected_within_weeks_in_its_joint():
     assert delays.right_joint.hits >= 0.9 * delays.right_joint.of
 
 
+@pytest.mark.soak
 def test_wear_is_not_taken_for_noise():
     """60 % a year in one joint of 24 arms: σ of each joint, estimated from it alone, is the fleet's 2 %, to 3.5 %.
 

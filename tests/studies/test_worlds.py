@@ -274,6 +274,7 @@ def judged(name):
     return json.loads(json.dumps(play_world(WORLDS[name], ASSESS, arms=6, days=480, seed=2), allow_nan=False))
 
 
+@pytest.mark.soak
 def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     """Steps are found, in their joints; every figure is JSON."""
     document = judged("plain")
@@ -287,6 +288,7 @@ def test_a_plain_world_is_judged_and_its_document_is_plain_json():
     assert world_line(document).startswith("plain")
 
 
+@pytest.mark.soak
 def test_false_advisories_are_counted_apart_by_the_arms_age():
     """The parts of life follow on each other without a gap, and hold every advisory of friction that is counted, once."""
     document = judged("plain")
