@@ -7,6 +7,7 @@ and ends with the error's `exit_code`. Any other exception is a defect of this s
 from monitor.reason import Reason, Sentence, reason_of
 
 DOES_NOT_HOLD = Sentence("condition_does_not_hold", "{condition}: {why}")
+AT_HOST = Sentence("at_host", "{host}: {why}")
 AFTER_IT = Sentence("after_it", "{ended}; after it {what}")
 
 

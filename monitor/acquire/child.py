@@ -23,9 +23,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from monitor.acquire.driver import SessionEnded
-from monitor.reason import ANYTHING
+from monitor.reason import ANYTHING, Sentence
 from monitor.recording import Array
 
+NO_PROCESS = Sentence("no_process", "{module}: cannot start a process: {why}")
+ENDED = Sentence("child_process_ended", "the child process has ended")
 HEADER = struct.Struct("<BI")  # kind, length of the body in bytes
 ROW, MESSAGE = 0, 1
 LARGEST_BODY = 4096 - HEADER.size  # bytes; the kernel writes up to PIPE_BUF = 4096 bytes whole or not at all
@@ -100,7 +102,7 @@ class Child:
             )
         except OSError as error:
             os.close(out)
-            raise SessionEnded(f"{module}: cannot start a process: {error}") from None
+            raise SessionEnded(NO_PROCESS(module=module, why=str(error))) from None
         finally:
             os.close(way_back)
         assert self._process.stdin is not None
@@ -134,7 +136,7 @@ class Child:
         Raises SessionEnded once the pipe is at its end and everything in it has been delivered.
         """
         if self._pipe is None:
-            raise SessionEnded("the child process has ended")
+            raise SessionEnded(ENDED())
         assert self._process.stdout is not None
         stdout = self._process.stdout.fileno()
         poll = select.poll()
@@ -152,7 +154,7 @@ class Child:
         if ended:
             os.close(self._pipe)
             self._pipe = None
-            raise SessionEnded("the child process has ended")
+            raise SessionEnded(ENDED())
 
     def end(self, patience_s: float = 0.0) -> int:
         """Reap the child, killed unless it leaves by itself within patience_s. Returns its exit code, or minus the signal's number."""

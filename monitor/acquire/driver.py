@@ -149,11 +149,8 @@ class Driver(Protocol):
     def state(self, host: str, rate_hz: float, timeout_s: float) -> ArmState | None:
         """The robot's state now, by receiving only; None where no data comes within timeout_s."""
 
-    def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
-        """A session that receives only and sends rows. With `every_tick` no row may be lost; otherwise the newest row counts.
-
-        Its one message is `lost` with a `text`, after which it ends. Raises SessionEnded where no process can be started.
-        """
+    def listen(self, host: str, rate_hz: float) -> Session:
+        """A session that receives only and gives every row. Its one message is `lost` with a `reason`, after which it ends."""
 
     def stream(self, task: ReplayTask) -> Session:
         """A session that plays one replay, as `protocol` has it. Raises SessionEnded where no process can be started.

@@ -16,7 +16,7 @@ from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import RUNTIME_STOPPED, STANDSTILL_RAD_S, ArmState, program_name
 from monitor.acquire.watch import Watch
-from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.reason import Reason, Sentence, reason_from
 
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
@@ -39,7 +39,6 @@ def end_program(watch: Watch, driver: Driver) -> OurEnd | None:
     return end
 
 
-AT_HOST = Sentence("at_host", "{host}: {why}")
 NO_CONNECTION = Sentence("no_connection", "{host}: no RTDE connection: {why}")
 REPLACED_BY_ANOTHER = Sentence("replaced_by_another", "somebody else's program was started in the place of ours; {why}")
 LAST_WORDS_PRINTED = Sentence("last_words", "{why}; its last words: {printed!r}")

@@ -1,7 +1,7 @@
 """Listening to an arm: its live state by polling, and the recording of a motion that another program makes, one row a tick.
 
 Listening never moves an arm, so every address is allowed, and it may go on during a replay. The connection is held by a session of the
-driver; `Listener.poll` starts a lost session again, with growing pauses.
+driver; `Listener.poll` opens a lost one again, with growing pauses.
 """
 
 import dataclasses
@@ -13,10 +13,15 @@ from typing import Any
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, Session, SessionEnded, usual_driver
+from monitor.acquire.driver import Driver, Session, usual_driver
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.errors import BadInput, MotionRefused, RobotUnreachable
+from monitor.reason import Reason, Sentence, reason_from
 from monitor.recording import Array, Context, Recording
+
+NO_DATA_FOR = Sentence("no_rtde_data_for", "{host}: no RTDE data for {limit_s:g} s")
+NOTHING_HEARD = Sentence("nothing_heard", "{host}: nothing was heard before the end was asked for")
+RECORDS_ANOTHER_ARM = Sentence("records_another_arm", "{host}: the controller's serial number is {serial}, expected {expected}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +94,7 @@ class Listener:
         self._next_try_at = 0.0
         self._pause_s = settings.first_pause_s
         self.rows: list[Array] = []  # (WIDTH,) each, what the last `poll` took its states from
-        self.problem: str | None = None  # why nothing is received from the arm; None while rows come, or before the first try
+        self.problem: Reason | None = None  # why nothing is received from the arm; None while rows come, or before the first try
 
     @property
     def reachable(self) -> bool:
@@ -127,38 +132,28 @@ class Listener:
         now = time.monotonic()
         if self._session is None:
             if now >= self._next_try_at:
-                self._try(now)
+                self._received_at, self._has_delivered = now, False
+                self._session = self._driver.listen(self._settings.host, self._settings.rate_hz)
             return []
-        rows: list[Array] = []
-        message = None
-        try:
-            for frame in self._session.frames(0.0):
-                if isinstance(frame, dict):
-                    message = frame["text"]
-                else:
-                    rows.append(frame)
-        except SessionEnded:
-            message = message or f"{self._settings.host}: the listening process died"
-        self.rows, fresh = rows, _live_states(rows)
-        if message is not None:
-            self._lost(now, message)
+        lost = None
+        for frame in self._session.frames(0.0):
+            if isinstance(frame, dict):
+                lost = reason_from(frame["reason"])
+            else:
+                self.rows.append(frame)
+        fresh = _live_states(self.rows)
+        if lost is not None:
+            self._lost(now, lost)
             return fresh
         if fresh:
             self._received_at, self._has_delivered, self._latest, self.problem = now, True, fresh[-1], None
             self._pause_s = self._settings.first_pause_s
         patience_s = self._settings.silence_timeout_s if self._has_delivered else self._settings.startup_timeout_s
         if now - self._received_at > patience_s:
-            self._lost(now, f"{self._settings.host}: no RTDE data for {patience_s:g} s")
+            self._lost(now, NO_DATA_FOR(host=self._settings.host, limit_s=patience_s))
         return fresh
 
-    def _try(self, now: float) -> None:
-        self._received_at, self._has_delivered = now, False
-        try:
-            self._session = self._driver.listen(self._settings.host, self._settings.rate_hz, every_tick=False)
-        except SessionEnded as lost:
-            self._lost(now, str(lost))
-
-    def _lost(self, now: float, problem: str) -> None:
+    def _lost(self, now: float, problem: Reason) -> None:
         self.problem = problem
         self._drop()
         self._next_try_at = now + self._pause_s
@@ -173,7 +168,7 @@ class Listener:
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
 SILENCE_S = 1.0  # no row for so long: the connection is gone, or the controller's clock stands still
-BY_DURATION, BY_REQUEST = "seconds", "asked"  # how a recording ended as planned; anything else is a message
+BY_DURATION, BY_REQUEST = "seconds", "asked"  # how a recording ended as planned
 
 
 def record(
@@ -196,24 +191,21 @@ def record(
     driver = driver or usual_driver()
     identity = driver.identity(host)
     if identity.serial is not None and context.serial is not None and identity.serial != context.serial:
-        raise MotionRefused(f"{host}: the controller's serial number is {identity.serial}, expected {context.serial}")
-    session = driver.listen(host, rate_hz, every_tick=True)
+        raise MotionRefused(RECORDS_ANOTHER_ARM(host=host, serial=identity.serial, expected=context.serial))
+    session = driver.listen(host, rate_hz)
     rows: list[Array] = []
     began_unix_s: float | None = None
     received_at = time.monotonic()
-    ended = None
+    ended: str | Reason | None = None
     try:
         while ended is None:
-            try:
-                for frame in session.frames(POLL_S):
-                    if isinstance(frame, dict):
-                        ended = str(frame["text"])
-                        break
-                    began_unix_s = began_unix_s or time.time()
-                    received_at = time.monotonic()
-                    rows.append(frame)
-            except SessionEnded:
-                ended = f"{host}: the listening process died"
+            for frame in session.frames(POLL_S):
+                if isinstance(frame, dict):
+                    ended = reason_from(frame["reason"])
+                    break
+                began_unix_s = began_unix_s or time.time()
+                received_at = time.monotonic()
+                rows.append(frame)
             lasted_s = rows[-1][0] - rows[0][0] if rows else 0.0
             if on_progress is not None:
                 on_progress(lasted_s, len(rows))
@@ -221,14 +213,12 @@ def record(
                 ended = BY_DURATION
             elif should_stop is not None and should_stop():
                 ended = BY_REQUEST
-            elif ended is None and time.monotonic() - received_at > (SILENCE_S if rows else startup_timeout_s):
-                ended = f"{host}: no RTDE data for {SILENCE_S if rows else startup_timeout_s:g} s"
+            elif ended is None and time.monotonic() - received_at > (patience_s := SILENCE_S if rows else startup_timeout_s):
+                ended = NO_DATA_FOR(host=host, limit_s=patience_s)
     finally:
         session.end()
     if len(rows) < 2:
-        raise RobotUnreachable(
-            ended if ended not in {BY_DURATION, BY_REQUEST} else f"{host}: nothing was heard before the end was asked for"
-        )
+        raise RobotUnreachable(ended if isinstance(ended, Reason) else NOTHING_HEARD(host=host))
     known = dataclasses.replace(
         context,
         serial=identity.serial or context.serial,
@@ -237,7 +227,7 @@ def record(
         software=f"joint-monitor {__version__}",
         recorded_at_unix_s=began_unix_s,
     )
-    return _recording(np.array(rows), known, rate_hz, {"host_clock_at_start_unix_s": began_unix_s, "ended": ended})
+    return _recording(np.array(rows), known, rate_hz, {"host_clock_at_start_unix_s": began_unix_s, "ended": str(ended)})
 
 
 def _recording(rows: Array, context: Context, rate_hz: float, ending: dict[str, Any]) -> Recording:

@@ -12,11 +12,15 @@ from monitor.acquire.state import ArmState, Identity
 from monitor.errors import RobotUnreachable
 from monitor.identify.gains import gains_from_torque
 from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 UPRIGHT_DEG = 5.0  # between the tool's accelerometer and a mounting that it shows
 MOUNTINGS = ("ground", "ceiling", "wall")
 NO_TCP_M, NO_TCP_DEG = 1e-3, 0.1  # a TCP nearer to the flange than this is the flange itself, within the calibration
+
+
+ANSWERS_WITHOUT_DATA = Sentence("answers_without_data", "{host}: the controller answers, but no data came: {look_for}")
 
 
 class Survey(NamedTuple):
@@ -25,7 +29,7 @@ class Survey(NamedTuple):
     identity: Identity | None = None
     state: ArmState | None = None
     model: str | None = None  # one of the shipped names
-    problem: str = ""  # why the arm says less than it could
+    problem: Reason | None = None  # why the arm says less than it could
 
     @property
     def serial(self) -> str | None:
@@ -70,9 +74,9 @@ def survey(host: str, *, timeout_s: float = 5.0, driver: Driver | None = None) -
     try:
         identity = driver.identity(host)
     except RobotUnreachable as error:
-        return Survey(problem=str(error))
+        return Survey(problem=error.reason)
     state = driver.state(host, 125.0, timeout_s)
-    problem = "" if state is not None else f"{host}: the controller answers, but no data came: {driver.no_data}"
+    problem = None if state is not None else ANSWERS_WITHOUT_DATA(host=host, look_for=driver.no_data)
     return Survey(identity=identity, state=state, model=driver.model_of(identity), problem=problem)
 
 

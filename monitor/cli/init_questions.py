@@ -263,7 +263,6 @@ def _survey(address: str, asks: bool, robot_api_port: int) -> "Survey":
     if found.identity is not None:
         said = [found.model or "model unknown", f"serial {found.serial or 'unknown'}", f"software {found.identity.firmware or 'unknown'}"]
         typer.echo(f"{address} answers: {', '.join(said)}")
-    if found.problem:
-        stop = "" if found.problem.endswith("?") else "."
-        typer.echo(f"{found.problem}{stop} What it does not say {'is asked' if asks else 'needs an option, or has its default'}.", err=True)
+    if found.problem is not None:
+        typer.echo(f"{found.problem}\nWhat it does not say {'is asked' if asks else 'needs an option, or has its default'}.", err=True)
     return found

@@ -87,9 +87,9 @@ class ArmHeard:
         self._at = now() if note is None else float(note)
         self._began = monotonic()
         self._noted = 0.0 if note is None else self._at
-        self._problem: str | None = None
+        self._problem: Reason | None = None
 
-    def observe(self, heard: bool, problem: str | None) -> None:
+    def observe(self, heard: bool, problem: Reason | None) -> None:
         """Take whether the arm is heard now, and why it is not. Raises StoreError."""
         now, self._problem = self._now(), problem
         if heard:

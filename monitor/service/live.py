@@ -9,6 +9,7 @@ from typing import Protocol
 from monitor.acquire.listen import LiveState
 from monitor.publish.bus import Bus
 from monitor.publish.timestamps import utc
+from monitor.reason import Reason
 from monitor.recording import Array
 from monitor.service.production_motion import Sample
 from monitor.service.publisher import Publisher
@@ -28,7 +29,7 @@ class ArmLink(Protocol):
         """Whether the controller answers."""
 
     @property
-    def problem(self) -> str | None:
+    def problem(self) -> Reason | None:
         """Why it does not; None where it does."""
 
     @property

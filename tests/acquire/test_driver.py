@@ -143,7 +143,7 @@ class ScriptedDriver:
     def state(self, host, rate_hz, timeout_s):
         return ready_state()
 
-    def listen(self, host, rate_hz, *, every_tick):
+    def listen(self, host, rate_hz):
         return self.session
 
     def stream(self, task):

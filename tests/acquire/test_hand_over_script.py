@@ -19,7 +19,6 @@ from monitor.acquire.ur.node_script import (
     TAKE,
     TAKEN,
     VERSION,
-    HandOverSettings,
     hand_over_script,
 )
 from monitor.errors import BadInput
@@ -55,13 +54,13 @@ NODES = ('message = "before"', 'external_control = "127.0.0.1"', 'message = "aft
 class Cell:
     """A controller whose program hands the arm over between two messages, and the monitor's side of the registers."""
 
-    def __init__(self, folder: Path, nodes: tuple[str, ...] = NODES, **settings: float) -> None:
+    def __init__(self, folder: Path, nodes: tuple[str, ...] = NODES) -> None:
         file = folder / "cell.toml"
         file.write_text('name = "cell"\n' + "".join(f"[[node]]\n{node}\n" for node in nodes))
         tree = load_tree(file)
         self.controller = Controller(SimulateSettings(robot="ur5e", program=tree))
         self.controller.step()
-        text = hand_over_script(CONTROL, HandOverSettings(**settings))
+        text = hand_over_script(CONTROL)
         self.controller.programs.files.serve(dict.fromkeys(tree.hosts, text))
         assert self.controller.programs.play()
         self.beating = True
@@ -338,8 +337,6 @@ def test_a_text_that_is_not_ur_rtdes_is_refused():
         hand_over_script(CONTROL.replace("cmd = rtde_cmd()", "cmd = 0"))
     with pytest.raises(BadInput, match="registers"):
         hand_over_script(CONTROL.replace("# int register offset\n0", "# int register offset\n7"))
-    with pytest.raises(BadInput, match="silence_s"):
-        HandOverSettings(silence_s=5.0)
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0", "0.0.0.0:", "0.0.0.0:0", "0.0.0.0:65536", "0.0.0.0:5²", "cell:50002", "0.0.0.0:-1"])

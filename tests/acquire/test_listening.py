@@ -166,8 +166,8 @@ def test_an_answer_that_is_not_of_the_protocol_ends_the_session_with_a_reason(co
         *rows, last = received(session, 1)
         assert rows == []
         assert last["kind"] == "lost"
-        assert last["text"].startswith("127.0.0.1: RTDE: ")
-        assert why in last["text"]
+        assert last["reason"]["text"].startswith("127.0.0.1: RTDE: ")
+        assert why in last["reason"]["text"]
         with pytest.raises(SessionEnded):
             list(session.frames(0.0))
 
@@ -184,12 +184,12 @@ def test_a_controller_that_goes_away_and_one_that_never_was_are_told():
     with listening_to(Leaving(after=lambda names: row(names, 1))) as session:
         first, last = received(session, 2)
     assert first.shape == (WIDTH,)
-    assert "closed the connection" in last["text"]
+    assert "closed the connection" in last["reason"]["text"]
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     absent = Listening("127.0.0.1", 10.0, port)
     (message,) = received(absent, 1)
-    assert message["text"] == "127.0.0.1: RTDE: Connection refused"
+    assert message["reason"]["text"] == "127.0.0.1: RTDE: Connection refused"
 
 
 def test_it_wakes_for_a_row_and_not_before():
@@ -224,7 +224,7 @@ def test_a_name_is_looked_up_beside_and_one_that_nobody_knows_is_told():
     for name in ("no-such-arm.invalid", "a" * 70 + ".invalid", "..", ""):
         (message,) = received(Listening(name, 10.0, 1), 1)
         assert message["kind"] == "lost"
-        assert message["text"].startswith(f"{name}: RTDE: ")
+        assert message["reason"]["text"].startswith(f"{name}: RTDE: ")
 
 
 def test_a_look_at_an_arm_is_its_last_of_thirteen_ticks_with_the_mean_of_the_accelerometer():

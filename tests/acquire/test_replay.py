@@ -17,10 +17,11 @@ from processes import children
 from simulated_arm import AT_START, known_gains
 
 from monitor.acquire.child import Child
-from monitor.acquire.driver import usual_driver
+from monitor.acquire.driver import ReplayTask, usual_driver
 from monitor.acquire.listen import Listener, ListenSettings
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
+from monitor.acquire.ur.receive import connect_receiver, read_row
 from monitor.acquire.ur.rtde import COLUMN
 from monitor.acquire.watch import Caller
 from monitor.errors import MotionRefused, ReplayAborted
@@ -150,7 +151,7 @@ def test_a_replay_of_the_real_excitation_yields_every_tick_and_brings_the_arm_ba
 
 def test_an_arm_and_what_sends_its_targets_go_before_other_production_where_the_system_permits_it(arm):
     """Neither is late because of another test, or of what else the machine does; where nothing is permitted both are as this process is."""
-    child = Child(STREAMS, {})
+    child = Child(STREAMS, ReplayTask(settings=ReplaySettings(), excitation=short(), robot=UR5, context=Context()))
     try:
         found = [os.sched_getscheduler(pid) for pid in (arm.process.pid, child._process.pid)]
     finally:
@@ -214,15 +215,16 @@ def test_a_listener_receives_states_during_a_replay_and_survives_a_restart_of_th
 
 def test_a_listener_reads_what_ur_rtde_reads(arm):
     """The same ticks, by the library and by the plain socket: every value is the same, and the same values are missing."""
-    by_library = usual_driver().listen(arm.host, 125.0, every_tick=True)
-    by_socket = usual_driver().listen(arm.host, 125.0, every_tick=False)
+    by_library, signals = connect_receiver(arm.host, 125.0)
+    by_socket = usual_driver().listen(arm.host, 125.0)
     read, until = ({}, {}), time.monotonic() + 30.0
     try:
         while len(read[0].keys() & read[1].keys()) < 20 and time.monotonic() < until:
-            for session, rows in zip((by_library, by_socket), read, strict=True):
-                rows |= {row[0]: row for row in session.frames(0.02)}
+            row, _ = read_row(by_library, signals)
+            read[0][row[0]] = row
+            read[1].update({row[0]: row for row in by_socket.frames(0.001)})
     finally:
-        by_library.end()
+        by_library.disconnect()
         by_socket.end()
     own = COLUMN["host_monotonic_s"].start
     common = sorted(read[0].keys() & read[1].keys())

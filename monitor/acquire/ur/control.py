@@ -36,6 +36,7 @@ STANDING_S = 1.0  # between two reports of this process while the arm stands
 Result = TypeVar("Result")
 
 
+NO_CONTROL_CONNECTION = Sentence("no_control_connection", "{host}: RTDE control: {why}")
 ARM_IN_USE = Sentence("arm_in_use", "another RTDE client controls the arm: {why}")
 CONNECTIONS_NOT_SHOWN = Sentence("connections_not_shown", "this machine does not show this process's connections: {why}")
 SOCKETS_NOT_LOCKED = Sentence("sockets_not_locked", "this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
@@ -57,7 +58,7 @@ class Control:
         except RuntimeError as error:
             if "already in use" in str(error):
                 raise MotionRefused(ARM_IN_USE(why=str(error))) from None
-            raise RobotUnreachable(f"{host}: RTDE control: {error}") from None
+            raise RobotUnreachable(NO_CONTROL_CONNECTION(host=host, why=str(error))) from None
         try:
             send_at_once(host)
             end_dashboard(host)

@@ -53,6 +53,7 @@ class Conversation(Protocol):
         """Who the controller says it is, as far as this server tells it."""
 
 
+NEITHER_ANSWERS = Sentence("neither_server_answers", "{first}, and {second}; is the robot on and the address right?")
 _answered_by_robot_api: set[tuple[str, int]] = set()  # controllers whose Robot API answered last: it is asked first
 
 
@@ -70,8 +71,7 @@ def conversation(host: str, timeout_s: float = 2.0, *, robot_api_port: int = ROB
             try:
                 opened = stack.enter_context(second)
             except RobotUnreachable as neither:
-                what = str(neither).removeprefix(f"{host}: ")
-                raise RobotUnreachable(f"{nobody}, and {what}; is the robot on and the address right?") from None
+                raise RobotUnreachable(NEITHER_ANSWERS(first=nobody.reason, second=neither.reason)) from None
         if opened is robot_api:
             _answered_by_robot_api.add(known)
         else:

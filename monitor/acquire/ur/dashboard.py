@@ -7,9 +7,16 @@ from typing import Self
 
 from monitor.acquire.state import Identity
 from monitor.errors import RobotUnreachable
+from monitor.reason import Sentence
 
 PORT = 29999
 LONGEST_LINE = 4096  # bytes; a dashboard's answer is far shorter
+
+
+NO_DASHBOARD = Sentence("no_dashboard", "{host}: no dashboard on port {port} ({why})")
+NO_ANSWER = Sentence("dashboard_no_answer", "{host}: no answer from the dashboard ({why})")
+NO_LINES = Sentence("dashboard_no_lines", "{host}: the dashboard does not answer in lines within {limit_s:g} s")
+CLOSED = Sentence("dashboard_closed", "{host}: the dashboard closed the connection")
 
 
 class NobodyListens(RobotUnreachable):
@@ -30,7 +37,7 @@ class Dashboard:
         try:
             self._socket = socket.create_connection((self._host, PORT), timeout=self._timeout_s)
         except OSError as error:
-            raise NobodyListens(f"{self._host}: no dashboard on port {PORT} ({error})") from None
+            raise NobodyListens(NO_DASHBOARD(host=self._host, port=PORT, why=str(error))) from None
         try:
             self._line()  # the greeting
         except RobotUnreachable:
@@ -46,7 +53,7 @@ class Dashboard:
         try:
             self._socket.sendall(command.encode() + b"\n")
         except OSError as error:
-            raise RobotUnreachable(f"{self._host}: the dashboard closed the connection ({error})") from None
+            raise RobotUnreachable(NO_ANSWER(host=self._host, why=str(error))) from None
         return self._line()
 
     def program(self) -> tuple[str, str | None]:
@@ -86,13 +93,13 @@ class Dashboard:
         deadline = time.monotonic() + self._timeout_s
         while b"\n" not in self._waiting:
             if len(self._waiting) > LONGEST_LINE or time.monotonic() > deadline:
-                raise RobotUnreachable(f"{self._host}: the dashboard does not answer in lines within {self._timeout_s:g} s")
+                raise RobotUnreachable(NO_LINES(host=self._host, limit_s=self._timeout_s))
             try:
                 data = self._socket.recv(LONGEST_LINE)
             except OSError as error:
-                raise RobotUnreachable(f"{self._host}: no answer from the dashboard ({error})") from None
+                raise RobotUnreachable(NO_ANSWER(host=self._host, why=str(error))) from None
             if not data:
-                raise RobotUnreachable(f"{self._host}: the dashboard closed the connection")
+                raise RobotUnreachable(CLOSED(host=self._host))
             self._waiting += data
         line, _, self._waiting = self._waiting.partition(b"\n")
         return line.decode(errors="replace").strip()

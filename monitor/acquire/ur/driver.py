@@ -198,10 +198,8 @@ class UniversalRobots:
         """Set the filter that ends this process at its first attempt to open a socket."""
         return forbid_new_sockets()
 
-    def listen(self, host: str, rate_hz: float, *, every_tick: bool) -> Session:
-        """A process that receives every tick; else a socket in this one."""
-        if every_tick:
-            return Child("monitor.acquire.ur.receive", {"host": host, "rate_hz": rate_hz})
+    def listen(self, host: str, rate_hz: float) -> Session:
+        """A plain socket in this process."""
         return Listening(host, rate_hz)
 
     def errors(self, host: str) -> ReportedErrors:

@@ -18,13 +18,13 @@ from monitor.acquire.state import RUNTIME_PLAYING, arm_state, program_name
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure, state_failure
 from monitor.acquire.ur.node import NO_NUMBER, VARIABLES, Node
-from monitor.acquire.ur.node_script import ASTRAY, LOST, HandOverSettings
+from monitor.acquire.ur.node_script import ASTRAY, LIMITS, LOST
 from monitor.acquire.ur.rtde import COLUMN
 from monitor.errors import DOES_NOT_HOLD, MotionRefused
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
-NEAR_RAD = HandOverSettings().near_rad  # the node looks at the same limit, at its own target
+NEAR_RAD = LIMITS["near_rad"]  # the node looks at the same limit, at its own target
 GIVEN_BACK = frozenset({"speed_scaling", "payload", "joint_temperature"})  # before the first motion these are no doubt about the arm
 QUIET_S = 2.0  # while the node is waited for, the controller may send nothing for so long; ur-rtde gives up after 2.5 s
 ANSWER_S = 1.0  # from what the node is told until it shows that it has heard; it takes some ticks

@@ -23,6 +23,7 @@ BEAT_S = 0.015  # between two beats while this process computes; the node waits 
 NO_NUMBER = 0
 
 
+NO_INPUT_REGISTERS = Sentence("no_input_registers", "{host}: RTDE input registers: {why}")
 REGISTERS_IN_USE = Sentence(
     "registers_in_use", "another RTDE client writes the registers of the hand-over, input_int_register_{first} to {last}: {why}"
 )
@@ -49,7 +50,7 @@ class Node:
         except RuntimeError as error:
             if "already in use" in str(error):
                 raise MotionRefused(REGISTERS_IN_USE(first=TAKE, last=DUE, why=str(error))) from None
-            raise RobotUnreachable(f"{host}: RTDE input registers: {error}") from None
+            raise RobotUnreachable(NO_INPUT_REGISTERS(host=host, why=str(error))) from None
         self._write(TAKE, NO_NUMBER)
 
     @property

@@ -21,10 +21,10 @@ import re
 import socket
 import subprocess
 import sys
-from dataclasses import dataclass
 
 from monitor.acquire.ur.node_server import REQUEST
 from monitor.errors import BadInput, RobotUnreachable
+from monitor.reason import Sentence
 
 HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands between them is put once at the top of the program
 LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
@@ -37,47 +37,31 @@ IDLE, OFFERED, TAKEN, LOST, ASTRAY = range(5)  # values of STATE
 NUMBER_MAX = 1_000_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandOverSettings:
-    """The limits of a hand-over, as the served text has them."""
-
-    wait_s: float = 0.08  # how long the node waits for the monitor when a replay is due
-    silence_s: float = 0.12  # without a beat for so long the arm stops and the program ends
-    standing_s: float = 1.0  # the same before the first command of the control loop: nothing has moved yet
-    near_rad: float = 0.001  # how near each joint must be to where the arm was taken
-    stop_rad_s2: float = 8.0  # deceleration of the stop when contact is lost
-
-    def __post_init__(self) -> None:
-        """Check the limits. Raises BadInput with the field and what is expected."""
-        for name, low, high in (
-            ("wait_s", 0.0, 1.0),
-            ("silence_s", 0.02, 1.0),
-            ("standing_s", 0.02, 5.0),
-            ("near_rad", 1e-5, 0.01),
-            ("stop_rad_s2", 0.5, 40.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise BadInput(f"hand_over: {name} = {value!r}; expected {low:g} … {high:g}")
+LIMITS = {  # of a hand-over, as the served text has them
+    "wait_s": 0.08,  # how long the node waits for the monitor when a replay is due
+    "silence_s": 0.12,  # without a beat for so long the arm stops and the program ends
+    "standing_s": 1.0,  # the same before the first command of the control loop: nothing has moved yet
+    "near_rad": 0.001,  # how near each joint must be to where the arm was taken
+    "stop_rad_s2": 8.0,  # deceleration of the stop when contact is lost
+}
 
 
-def hand_over_script(control_script: str, settings: HandOverSettings | None = None, *, version: int = 0) -> str:
+def hand_over_script(control_script: str, *, version: int = 0) -> str:
     """The text that a node of a program gets: header, control loop and hand-over.
 
     control_script : ur-rtde's own text for the software of this controller, with the offset of its registers. version : what the program
     says of its text in the register VERSION; 0: nothing.
     Raises BadInput where ur-rtde's text is not as expected.
     """
-    settings = settings or HandOverSettings()
     header, loop = _parts(control_script)
     offset = re.search(r"# int register offset\s*\n\s*(\d+)", header)
     if offset is None or int(offset[1]) not in (0, UPPER):
         raise BadInput("hand_over: ur-rtde's control script does not say which registers it uses; expected an offset of 0 or 24")
     if loop.count(ASK) != 1:
         raise BadInput(f"hand_over: ur-rtde's loop reads its command {loop.count(ASK)} times as {ASK!r}; expected once")
-    own = _filled(_HEADER, settings, int(offset[1])).replace("JM_VERSION", str(version))
+    own = _filled(_HEADER, int(offset[1])).replace("JM_VERSION", str(version))
     loop = _FORCE_MODE.sub("", loop.replace(ASK, "cmd = jm_command()"))
-    node = _filled(_NODE, settings, int(offset[1])).replace("LOOP\n", loop.strip("\n") + "\n")
+    node = _filled(_NODE, int(offset[1])).replace("LOOP\n", loop.strip("\n") + "\n")
     text = f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
     return _renamed(text, _defined(text))
 
@@ -137,10 +121,10 @@ def _parts(text: str) -> tuple[str, str]:
     return header, loop
 
 
-def _filled(text: str, settings: HandOverSettings, offset: int) -> str:
+def _filled(text: str, offset: int) -> str:
     """A part of the text with its figures."""
     figures = {
-        **{name: repr(getattr(settings, name)) for name in HandOverSettings.__slots__},
+        **{name: repr(limit) for name, limit in LIMITS.items()},
         **{name: str(place + offset) for name, place in _REGISTERS.items()},
         **{f"is_{name.lower()}": str(value) for name, value in _STATES.items()},
         "watchdog": f"input_int_register_{offset}",
@@ -309,6 +293,12 @@ os._exit(0)
 """
 
 
+SCRIPT_NOT_SERVED_IN_TIME = Sentence(
+    "script_not_served_in_time", "{host}: no answer within {limit_s:g} s while asking for ur-rtde's control script"
+)
+SCRIPT_NOT_SERVED = Sentence("script_not_served", "{host}: ur-rtde could not serve its control script: {why}")
+
+
 def control_script(host: str) -> str:
     """The text for the controller at this address. Raises RobotUnreachable where it does not answer."""
     with socket.socket() as wire:  # a free port of this host
@@ -318,9 +308,9 @@ def control_script(host: str) -> str:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CHILD_S, check=False)
     except subprocess.TimeoutExpired:
-        raise RobotUnreachable(f"{host}: no answer within {CHILD_S:g} s while asking for ur-rtde's control script") from None
+        raise RobotUnreachable(SCRIPT_NOT_SERVED_IN_TIME(host=host, limit_s=CHILD_S)) from None
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no output"])[-1]
-        raise RobotUnreachable(f"{host}: ur-rtde could not serve its control script: {last}")
+        raise RobotUnreachable(SCRIPT_NOT_SERVED(host=host, why=last))
     text: str = json.loads(done.stdout.strip().splitlines()[-1])
     return text

@@ -1,4 +1,4 @@
-"""Receiving every tick by ur-rtde: `python -m monitor.acquire.ur.receive` sends each row to its parent. Import it only in a child process.
+"""Rows by ur-rtde, in the process that moves an arm. Import it only there: its constructor may hang with all of its process.
 
 Only variables that ur-rtde decodes are asked for: a variable that it does not know would shift every later one without an error.
 
@@ -7,16 +7,13 @@ changes, so the next arrival can be predicted. The cycle sleeps until shortly be
 every POLL_S during the whole tick would take much more processor time, and would not find the packet sooner.
 """
 
-import ipaddress
 import math
 import re
-import time
 from typing import NamedTuple
 
 import numpy as np
 from rtde_receive import RTDEReceiveInterface
 
-from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.ur.rtde import COLUMN, SIGNALS, WIDTH, Signal
 from monitor.recording import Array
 
@@ -110,45 +107,3 @@ def _without_nan(value: float | list[float]) -> float | list[float]:
     if isinstance(value, list):
         return [math.inf if math.isnan(each) else each for each in value]
     return math.inf if math.isnan(value) else value
-
-
-def send_rows(host: str, rate_hz: float, outbox: Outbox, lifeline: Lifeline) -> None:
-    """Send rows until the connection is lost; leaves the process where the parent is gone.
-
-    Raises RuntimeError or TornRow where the connection breaks off.
-    """
-    if not ipaddress.ip_address(host).is_loopback:
-        request_real_time()  # before ur-rtde starts its threads, which inherit it
-    receive, signals = connect_receiver(host, rate_hz)
-    timestamp_s = receive.getTimestamp()
-    timing = PacketTiming(timestamp_s=timestamp_s, offset_s=time.monotonic() - timestamp_s)
-    sent_s = None
-    while receive.isConnected():
-        timestamp_s, now = receive.getTimestamp(), time.monotonic()
-        if timestamp_s != sent_s:
-            row, _ = read_row(receive, signals)
-            row[COLUMN["host_monotonic_s"]] = time.monotonic()
-            sent_s = float(row[0])
-            timing = timing.arrived(sent_s, now)
-            outbox.row(row)
-        lifeline.word()
-        began = time.monotonic()
-        planned_s = timing.sleep_s(began, 1.0 / rate_hz)
-        time.sleep(planned_s)
-        timing = timing.woke(time.monotonic() - began - planned_s)
-
-
-def main() -> None:
-    """Listen as the job on standard input says; never returns."""
-    job, outbox, lifeline = begin()
-    host = job["host"]
-    try:
-        send_rows(host, job["rate_hz"], outbox, lifeline)
-        outbox.message("lost", text=f"{host}: the RTDE connection was lost")
-    except (RuntimeError, TornRow) as error:
-        outbox.message("lost", text=f"{host}: RTDE: {error}")
-    leave(1)
-
-
-if __name__ == "__main__":
-    main()

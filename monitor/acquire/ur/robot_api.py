@@ -1,13 +1,13 @@
-"""The Robot API of a PolyScope X over a plain socket: what the others ask the dashboard server.
+"""The Robot API of a PolyScope X over plain sockets: what the others ask the dashboard server.
 
-HTTP is read and written by h11. Each question has one time limit for all of it, also where the answer comes in drops. No proxy is asked. A
-redirect is followed on the same server only: a `stop` must not reach another robot.
+HTTP is read and written by h11, because no client of the standard library or of the house has one time limit for a whole answer, also
+where it comes in drops. Each question has a connection of its own. No proxy is asked. A redirect is followed on the same server only: a
+`stop` must not reach another robot.
 
 Endpoints by version: programs from 10.11 on; modes, control and the loaded program from 10.12 on; model and serial number from 10.14 on.
 What a version does not have is answered 404, and counts as not reported.
 """
 
-import contextlib
 import json
 import re
 import socket
@@ -20,6 +20,7 @@ import h11
 from monitor.acquire.state import Identity
 from monitor.acquire.ur.dashboard import NobodyListens
 from monitor.errors import RobotUnreachable
+from monitor.reason import Sentence
 
 PORT = 80
 BASE = "/universal-robots/robot-api"
@@ -29,6 +30,23 @@ LONGEST_ANSWER = 262_144  # bytes; an answer about a mode has some tens
 MOST_REDIRECTS = 3
 REDIRECTS = frozenset({301, 302, 307, 308})
 SAID_MAX = 200  # characters of what the controller says that are told
+
+
+API = "{host}: the Robot API on port {port}"
+NO_ROBOT_API = Sentence("no_robot_api", "{host}: no Robot API on port {port} ({why})")
+NO_ANSWER = Sentence("robot_api_no_answer", API + " does not answer ({why})")
+NO_HTTP = Sentence("robot_api_no_http", API + " does not speak HTTP: {why}")
+NO_PROGRAMS = Sentence("robot_api_no_programs", API + " answers 404: PolyScope X has a Robot API from 10.11 on")
+NO_OBJECT = Sentence("robot_api_no_object", API + " answers {path} with something else than a JSON object: {said}")
+UNKNOWN_WORD = Sentence("robot_api_unknown_word", API + " says {word!r} for {path}; expected {expected}")
+WORD_MISSING = Sentence("robot_api_word_missing", API + " does not say {key!r} for {path}: {said}")
+REFUSES = Sentence("robot_api_refuses", API + " refuses {method} {path} with {status}{said}")
+ASKS_FOR_PASSWORD = Sentence("robot_api_asks_for_password", API + " refuses {method} {path} with {status}: it asks for a password{said}")
+FORBIDDEN = Sentence(
+    "robot_api_forbids", API + " refuses {method} {path} with {status}: it is in local control, or forbids this address{said}"
+)
+TOO_MANY_REDIRECTS = Sentence("robot_api_redirects", API + " redirects {path} more than {most} times")
+ELSEWHERE = Sentence("robot_api_elsewhere", API + " sends us elsewhere, to {location}; it is not followed")
 
 
 class Said(NamedTuple):
@@ -44,32 +62,27 @@ class Refused(RobotUnreachable):
 
 
 class RobotApi:
-    """One conversation over one connection, which is opened again where the controller has closed it.
+    """The questions to one controller.
 
     Every method raises RobotUnreachable where the controller does not answer in time or not as a Robot API does.
     """
 
     def __init__(self, host: str, timeout_s: float = 2.0, *, port: int = PORT) -> None:
         self._host, self._timeout_s, self._port = host, timeout_s, port
-        self._socket: socket.socket | None = None
-        self._http = h11.Connection(h11.CLIENT)
+        self._at = {"host": host, "port": port}
 
     def __enter__(self) -> Self:
-        try:
-            self.program()  # whatever answers here must be a Robot API
-        except BaseException:
-            self._close()
-            raise
+        self.program()  # whatever answers here must be a Robot API
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._close()
+        """Nothing is open between two questions."""
 
     def program(self) -> tuple[str, str | None]:
         """PLAYING, PAUSED, STOPPED or another word; the API does not name the program that plays."""
         state = self._word(PROGRAM, "state")
         if state is None:
-            raise RobotUnreachable(f"{self._name} answers 404: PolyScope X has a Robot API from 10.11 on")
+            raise RobotUnreachable(NO_PROGRAMS(**self._at))
         return state, None
 
     def remote_control(self) -> bool | None:
@@ -105,16 +118,12 @@ class RobotApi:
             robot_api=True,
         )
 
-    @property
-    def _name(self) -> str:
-        return f"{self._host}: the Robot API on port {self._port}"
-
     def _one_of(self, path: str, meanings: dict[str, bool]) -> bool | None:
         word = self._word(path, "mode")
         if word is None:
             return None
         if word not in meanings:  # a mode that nobody knows is not taken for a mode that is not told
-            raise RobotUnreachable(f"{self._name} says {word[:SAID_MAX]!r} for {path}; expected {' or '.join(meanings)}")
+            raise RobotUnreachable(UNKNOWN_WORD(**self._at, word=word[:SAID_MAX], path=path, expected=" or ".join(meanings)))
         return meanings[word]
 
     def _word(self, path: str, key: str) -> str | None:
@@ -124,20 +133,20 @@ class RobotApi:
             return None
         word = self._document(self._accept(said, "GET", path), path).get(key)
         if not isinstance(word, str) or not word:
-            raise RobotUnreachable(f"{self._name} does not say {key!r} for {path}: {_printable(said.body)}")
+            raise RobotUnreachable(WORD_MISSING(**self._at, key=key, path=path, said=_printable(said.body)))
         return word.upper()
 
     def _accept(self, said: Said, method: str, path: str) -> Said:
         """The answer itself. Raises Refused where it is no success."""
         if 200 <= said.status < 300:
             return said
-        why = {401: ": it asks for a password", 403: ": it is in local control, or forbids this address"}.get(said.status, "")
-        raise Refused(f"{self._name} refuses {method} {path} with {said.status}{why}{_reason(said.body)}")
+        refusal = {401: ASKS_FOR_PASSWORD, 403: FORBIDDEN}.get(said.status, REFUSES)
+        raise Refused(refusal(**self._at, method=method, path=path, status=said.status, said=_reason(said.body)))
 
     def _document(self, said: Said, path: str) -> dict[str, Any]:
         document = _object(said.body)
         if document is None:
-            raise RobotUnreachable(f"{self._name} answers {path} with something else than a JSON object: {_printable(said.body)}")
+            raise RobotUnreachable(NO_OBJECT(**self._at, path=path, said=_printable(said.body)))
         return document
 
     def _ask(self, method: str, path: str, document: dict[str, Any] | None = None) -> Said:
@@ -149,7 +158,7 @@ class RobotApi:
             if said.status not in REDIRECTS:
                 return said
             target = self._place(target, said.location)
-        raise RobotUnreachable(f"{self._name} redirects {path} more than {MOST_REDIRECTS} times")
+        raise RobotUnreachable(TOO_MANY_REDIRECTS(**self._at, path=path, most=MOST_REDIRECTS))
 
     def _place(self, target: str, location: str) -> str:
         """Where to ask instead of this target. Raises RobotUnreachable where that is no place on the same server."""
@@ -159,117 +168,56 @@ class RobotApi:
         except ValueError:  # it is no address
             same = False
         if not same:
-            raise RobotUnreachable(f"{self._name} sends us elsewhere, to {_printable(location.encode())}; it is not followed")
+            raise RobotUnreachable(ELSEWHERE(**self._at, location=_printable(location.encode())))
         return place.path + (f"?{place.query}" if place.query else "")
 
     def _exchange(self, method: str, target: str, body: bytes, until: float) -> Said:
-        """One request and its answer.
-
-        A question is asked once more where the connection had been kept open and the controller has closed it meanwhile. A command is not:
-        it may have been taken, and whoever sends it must look again at what it would meet. So a connection that has ended is seen before.
-        """
-        self._close_if_ended()
-        kept = self._socket is not None and method == "GET"
+        """One request and its answer, over a connection of its own: nothing is ever sent on one that the controller may have closed."""
+        host = self._host if self._port == PORT else f"{self._host}:{self._port}"
+        headers = [("Host", host), ("Accept", "application/json"), ("Connection", "close")]
+        if body:
+            headers += [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
+        http = h11.Connection(h11.CLIENT)
+        request = [h11.Request(method=method, target=target, headers=headers), *([h11.Data(data=body)] if body else []), h11.EndOfMessage()]
         try:
-            return self._once(method, target, body, until)
-        except _Closed:
-            if kept:
-                with contextlib.suppress(_Closed):
-                    return self._once(method, target, body, until)
-            raise RobotUnreachable(f"{self._name} closed the connection without an answer") from None
-
-    def _once(self, method: str, target: str, body: bytes, until: float) -> Said:
-        try:
-            if self._socket is None:
-                self._connect(until)
-            assert self._socket is not None
-            host = self._host if self._port == PORT else f"{self._host}:{self._port}"
-            headers = [("Host", host), ("Accept", "application/json")]
-            if body:
-                headers += [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
-            request = [h11.Request(method=method, target=target, headers=headers), *([h11.Data(data=body)] if body else [])]
+            connection = socket.create_connection((self._host, self._port), timeout=max(until - time.monotonic(), 1e-3))
+        except OSError as error:
+            raise NobodyListens(NO_ROBOT_API(host=self._host, port=self._port, why=str(error))) from None
+        with connection:
             try:
-                self._socket.settimeout(max(until - time.monotonic(), 1e-3))
-                self._socket.sendall(b"".join(self._http.send(part) or b"" for part in (*request, h11.EndOfMessage())))
-            except (ConnectionResetError, BrokenPipeError):
-                raise _Closed from None
-            said = self._answer(until)
-        except h11.ProtocolError as error:
-            self._close()
-            raise RobotUnreachable(f"{self._name} does not speak HTTP: {error}") from None
-        except OSError as error:
-            self._close()
-            raise RobotUnreachable(f"{self._name} does not answer ({error})") from None
-        except BaseException:
-            self._close()
-            raise
-        if self._http.our_state is h11.DONE and self._http.their_state is h11.DONE:
-            self._http.start_next_cycle()
-        else:
-            self._close()
-        return said
+                connection.sendall(b"".join(http.send(part) or b"" for part in request))
+                return self._answer(http, connection, until)
+            except h11.ProtocolError as error:
+                raise RobotUnreachable(NO_HTTP(**self._at, why=str(error))) from None
+            except OSError as error:
+                raise RobotUnreachable(NO_ANSWER(**self._at, why=str(error))) from None
 
-    def _connect(self, until: float) -> None:
-        self._http = h11.Connection(h11.CLIENT)
-        try:
-            self._socket = socket.create_connection((self._host, self._port), timeout=max(until - time.monotonic(), 1e-3))
-        except OSError as error:
-            raise NobodyListens(f"{self._host}: no Robot API on port {self._port} ({error})") from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-    def _answer(self, until: float) -> Said:
-        """The next answer on the connection. Raises _Closed where it ends before the first byte."""
-        assert self._socket is not None
+    def _answer(self, http: h11.Connection, connection: socket.socket, until: float) -> Said:
+        """The answer on the connection. Raises OSError, ProtocolError where it is none within the time."""
         status, location, body, heard = 0, "", b"", False
         while True:
-            event = self._http.next_event()
-            match event:
+            match http.next_event():
                 case h11.NEED_DATA:
                     left_s = until - time.monotonic()
                     if left_s <= 0.0:
                         raise TimeoutError(f"no whole answer within {self._timeout_s:g} s")
-                    self._socket.settimeout(left_s)
-                    try:
-                        data = self._socket.recv(65_536)
-                    except ConnectionResetError:
-                        data = b""
+                    connection.settimeout(left_s)
+                    data = connection.recv(65_536)
                     if not data and not heard:
-                        raise _Closed
+                        raise OSError("it closed the connection without an answer")
                     heard = True
-                    self._http.receive_data(data)
-                case h11.Response():
-                    status = event.status_code
-                    location = next((value.decode("ascii", "replace") for name, value in event.headers if name == b"location"), "")
-                case h11.Data():
-                    body += event.data
+                    http.receive_data(data)
+                case h11.Response() as response:
+                    status = response.status_code
+                    location = next((value.decode("ascii", "replace") for name, value in response.headers if name == b"location"), "")
+                case h11.Data() as part:
+                    body += part.data
                     if len(body) > LONGEST_ANSWER:
                         raise OSError(f"its answer is longer than {LONGEST_ANSWER} bytes")
                 case h11.EndOfMessage():
                     return Said(status, body, location)
                 case h11.ConnectionClosed() | h11.PAUSED:
                     raise OSError("its answer ends too early")
-
-    def _close_if_ended(self) -> None:
-        """Close a connection that the controller has closed, or on which it says what nobody asked for."""
-        if self._socket is None:
-            return
-        self._socket.settimeout(0.0)
-        try:
-            self._socket.recv(1, socket.MSG_PEEK)
-        except BlockingIOError:  # it is open, and silent
-            return
-        except OSError:
-            pass
-        self._close()
-
-    def _close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-
-class _Closed(Exception):
-    """The controller has closed the connection before a byte of its answer."""
 
 
 def _object(body: bytes) -> dict[str, Any] | None:

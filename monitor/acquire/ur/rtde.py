@@ -22,6 +22,7 @@ from monitor.acquire.rows import WIDTHS, layout
 from monitor.acquire.state import ArmState, arm_state
 from monitor.acquire.ur.packages import is_address, looked_up, take_packages
 from monitor.errors import RobotUnreachable
+from monitor.reason import Sentence
 from monitor.recording import Array
 
 JOINTS = 6
@@ -77,6 +78,9 @@ VECTOR6D = struct.Struct(">6d")
 PATIENCE_S = 5.0  # for a whole conversation: a controller answers within some milliseconds, a busy host or network takes seconds
 
 
+NO_RTDE = Sentence("no_rtde", "{host}: RTDE on port {port}: {why}")
+
+
 def rows_of(host: str, variables: tuple[str, ...], *, count: int, rate_hz: float, timeout_s: float) -> Array | None:
     """`count` rows (N, V, 6) of V variables of six numbers each; None where the controller does not report one of them.
 
@@ -114,7 +118,7 @@ def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, r
             _answer(packages, START)
             return [_answer(packages, ROW)[1:] for _ in range(count)]
     except (OSError, struct.error) as error:
-        raise RobotUnreachable(f"{host}: RTDE on port {PORT}: {error}") from None
+        raise RobotUnreachable(NO_RTDE(host=host, port=PORT, why=str(error))) from None
 
 
 def software_of(host: str, timeout_s: float = PATIENCE_S) -> str | None:
@@ -169,6 +173,9 @@ TYPES = {  # of the guide, and the format of each in network order
 ABSENT = "NOT_FOUND"  # in the place of a type: this controller does not report the variable
 READ_BYTES = 65_536
 MOST_WAITING = 1 << 20  # bytes read in one call; the rest comes with the next
+
+
+CONNECTION_LOST = Sentence("rtde_connection_lost", "{host}: RTDE: {why}")
 
 
 class Unanswered(Exception):
@@ -250,7 +257,7 @@ class Listening:
         except (OSError, struct.error, Unanswered) as error:
             self.end()
             why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            yield {"kind": "lost", "text": f"{self._host}: RTDE: {why}"}
+            yield {"kind": "lost", "reason": CONNECTION_LOST(host=self._host, why=why).document()}
 
     def _connect(self, signals: tuple[Signal, ...]) -> None:
         self.end()

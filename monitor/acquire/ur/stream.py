@@ -24,9 +24,9 @@ from monitor.acquire.state import STANDSTILL_RAD_S, arm_state
 from monitor.acquire.ur.arm import UNWATCHED_S, Arm
 from monitor.acquire.ur.failures import Stopped, StreamFailure
 from monitor.acquire.ur.lend import Lend
-from monitor.acquire.ur.rtde import COLUMN
+from monitor.acquire.ur.rtde import COLUMN, CONNECTION_LOST
 from monitor.acquire.ur.upload import Upload
-from monitor.errors import MonitorError, RobotUnreachable
+from monitor.errors import AT_HOST, MonitorError, RobotUnreachable
 from monitor.reason import Sentence
 from monitor.recording import Array
 
@@ -41,6 +41,9 @@ TIME_ROUNDING_S = 1e-6  # the controller's timestamps carry rounding
 SERVO_STOP_RAD_S2 = 5.0  # deceleration of servoStop; the arm is at rest already
 
 
+RTDE_SENDS_NOTHING = Sentence("rtde_sends_nothing", "{host}: RTDE answers but sends no data")
+
+
 def connect(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
     """See the arm in order and at rest for STATE_ROWS rows, wait for GO, and open both connections. No program of ours runs yet.
 
@@ -50,7 +53,7 @@ def connect(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
     """
     host, taking = known.settings.host, arm.taking
     if not arm.receive.isConnected():
-        raise RobotUnreachable(f"{host}: RTDE answers but sends no data")
+        raise RobotUnreachable(RTDE_SENDS_NOTHING(host=host))
     try:
         taking.prepare(arm, known)
         with taking.kept(arm):
@@ -61,7 +64,7 @@ def connect(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
     except StreamFailure as failure:
         if arm.program_sent:
             raise
-        raise RobotUnreachable(f"{host}: {failure}") from None
+        raise RobotUnreachable(AT_HOST(host=host, why=failure.reason)) from None
 
 
 def _prove(arm: Arm, task: ReplayTask, known: ConditionInputs) -> None:
@@ -312,7 +315,7 @@ def _arm(task: ReplayTask, outbox: Outbox, lifeline: Lifeline) -> Arm:
     try:
         return Arm(task, outbox, lifeline, Upload() if task.settings.lent is None else Lend())
     except RuntimeError as error:
-        raise RobotUnreachable(f"{task.settings.host}: RTDE: {error}") from None
+        raise RobotUnreachable(CONNECTION_LOST(host=task.settings.host, why=str(error))) from None
 
 
 if __name__ == "__main__":
