@@ -10,13 +10,14 @@ from functools import cache
 import numpy as np
 
 from monitor.identify.identification import Identification
-from monitor.judge.assess import AssessSettings, judge_identification
+from monitor.judge.assess import judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.learn import begin
+from monitor.judge.settings import AssessSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot

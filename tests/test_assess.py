@@ -11,9 +11,10 @@ from synthetic_arm import CONTEXT, START_S, Arm, History, lived_together, weathe
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
-from monitor.judge.assess import AssessSettings, Rejected, assess, judge_identification
+from monitor.judge.assess import Rejected, assess, judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.settings import AssessSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording

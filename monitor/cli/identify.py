@@ -241,7 +241,7 @@ def listen(
     as_json: JsonOption = False,
 ) -> None:
     """Friction from recordings of production, and which joints they do not show. Nothing moves."""
-    from monitor.identify.production.arm import ProductionSettings
+    from monitor.identify.settings import ProductionSettings
     from monitor.model.robot import Mounting, load_robot
     from monitor.store import identify_files
     from monitor.store.from_files.production_files import ListenRequest, listen_to_files

@@ -75,7 +75,7 @@ def _series(
     entries: "list[Entry]", config: Path | None, robot: str | None, mounting: str | None, columns: str | None, gains: str | None
 ) -> "Series":
     """The recordings with the arm, its mounting and the settings: from the configuration, or from the options. Raises BadInput."""
-    from monitor.judge.assess import AssessSettings
+    from monitor.judge.settings import AssessSettings
     from monitor.model.robot import Mounting
     from monitor.store import identify_files
     from monitor.store.from_files.series import Series

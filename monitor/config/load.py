@@ -16,8 +16,8 @@ from monitor.config.schema import Configuration, RobotSettings, assess_sections,
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.assess import AssessSettings
 from monitor.judge.inspection import InspectionSettings
+from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.session import BusSettings, prefix
 from monitor.publish.timestamps import unix_s

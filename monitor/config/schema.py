@@ -11,8 +11,8 @@ from annotated_types import Interval
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.acquire.settings import Installation, ProductionListenSettings, ReplaySettings
 from monitor.errors import BadInput
-from monitor.judge.assess import AssessSettings
 from monitor.judge.inspection import InspectionSettings
+from monitor.judge.settings import AssessSettings
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.publish.session import BusSettings, MetricsSettings, prefix

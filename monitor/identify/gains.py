@@ -10,7 +10,8 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
-from monitor.identify.signals.motion import Motion, SignalSettings, at_motors, motion, refuse_other_arm
+from monitor.identify.settings import SignalSettings
+from monitor.identify.signals.motion import Motion, at_motors, motion, refuse_other_arm
 from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor

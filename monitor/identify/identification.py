@@ -1,15 +1,14 @@
 """Identification: the parameters of one arm by its recordings, with their uncertainty."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from annotated_types import Interval
 
-from monitor.identify.signals.motion import SignalSettings
+from monitor.identify.settings import BETWEEN_RUNS
 from monitor.identify.signals.ripple import Ripple
-from monitor.model.friction import PAPER, STANDSTILL_SPEED_RAD_S, FrictionLaw
+from monitor.model.friction import PAPER, FrictionLaw
 from monitor.model.robot import Mounting
 from monitor.reason import Reason
 from monitor.recording import Array
@@ -18,19 +17,7 @@ if TYPE_CHECKING:
     from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm
 
 
-BETWEEN_RUNS = 0.015  # of friction: temperature, rest and grease differ from run to run; friction of real arms repeats to 1.3–2.3 %
 QUOTED_SPEEDS_RAD_S = (0.2, 0.4, 0.8)  # at which friction is compared between runs
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifySettings:
-    """How a motion becomes parameters."""
-
-    signals: SignalSettings = field(default_factory=SignalSettings)
-    # [rad/s] a joint's slower samples are not fitted by WLS, nor counted in the RMS
-    moving_rad_s: Annotated[float, Interval(ge=1e-6, le=0.5)] = STANDSTILL_SPEED_RAD_S
-    # [s] length of the jackknife's blocks: longer than the correlation of residuals (0.4–0.55 s), and short, so that there are many
-    block_s: Annotated[float, Interval(ge=0.1, le=10.0)] = 0.8
 
 
 class Source(NamedTuple):

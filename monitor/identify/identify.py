@@ -14,8 +14,9 @@ from monitor.identify.fit.fit import Fit, FitProblem, choose_law, equations_of, 
 from monitor.identify.fit.least_squares import Solution, best_condition, condition_number, together
 from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.gain_check import gain_warnings
-from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, IdentifySettings, ResidualFrictionFit, Source
+from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, ResidualFrictionFit, Source
 from monitor.identify.mounting import mounting_check
+from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.motion import Motion, at_motors, joint_torque, mean_temperature, refuse_other_arm, refuse_twice, warming
 from monitor.identify.signals.ripple import combined, gear_ripple
 from monitor.identify.signals.rows import along_samples

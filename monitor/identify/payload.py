@@ -14,7 +14,8 @@ from monitor.errors import BadInput
 from monitor.identify.fit.fit import layout_of
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
-from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.identification import Identification
+from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot

@@ -7,7 +7,8 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.fit.fit import layout_of
-from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.identification import Identification
+from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
 from monitor.identify.signals.rows import along_samples
 from monitor.model.regressor import regressor

@@ -2,42 +2,26 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.identification import Identification, IdentifySettings
+from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.signals.cleaning import QualitySettings, quality_problem
+from monitor.identify.settings import QualitySettings
+from monitor.identify.signals.cleaning import quality_problem
 from monitor.judge import prediction_error
-from monitor.judge.alerts.health import Health, HealthSettings
-from monitor.judge.alerts.remaining_life import PrognosisSettings
+from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.rules import judge
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences, with_lasting_declarations
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin, learn
-from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.evaluation import measure_prediction_error
 from monitor.judge.torque.model import CompensatedModel, build_model
-from monitor.judge.torque.production_residual import ResidualSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array, Context, Recording
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssessSettings:
-    """The settings of every room that a recording passes."""
-
-    method: str = "wls"
-    quality: QualitySettings = field(default_factory=QualitySettings)
-    identify: IdentifySettings = field(default_factory=IdentifySettings)
-    drift: DriftSettings = field(default_factory=DriftSettings)
-    temperature: TemperatureSettings = field(default_factory=TemperatureSettings)
-    health: HealthSettings = field(default_factory=HealthSettings)
-    prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
-    residual: ResidualSettings = field(default_factory=ResidualSettings)
 
 
 class Rejected(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.identify.identification import Identification
 from monitor.judge.alerts.health import Health, Transition, alert_document
-from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
@@ -17,6 +17,7 @@ from monitor.judge.drift.observation import observe
 from monitor.judge.drift.ripple_track import JointRipple, joint_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
+from monitor.judge.settings import PrognosisSettings
 from monitor.judge.temperature.curves import LAWS
 from monitor.judge.temperature.laws import Line, TemperatureSettings
 from monitor.judge.torque.model import CompensatedModel, build_model

@@ -8,7 +8,6 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import (
     OpenedContext,
@@ -37,6 +36,7 @@ from monitor.judge.drift.undeclared import (
     weigh,
 )
 from monitor.judge.maintenance import begin_maintenance, with_outcomes
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, FOREIGN_MOTION, Context

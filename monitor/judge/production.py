@@ -10,10 +10,10 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.identify.production.arm import ProductionSettings
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.information import ProductionInformation
-from monitor.judge.alerts.health import Health, HealthSettings, Transition
+from monitor.identify.settings import ProductionSettings
+from monitor.judge.alerts.health import Health, Transition
 from monitor.judge.alerts.rules import judge_production
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences
@@ -21,6 +21,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, step
 from monitor.judge.drift.suspicion import suspected_rise
 from monitor.judge.production_observation import ProductionHistory, ProductionObservation, context_of_production
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import DAY_S, Array, Context
 

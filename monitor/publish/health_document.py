@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, cast
 
-from monitor.judge.alerts.health import Health, HealthSettings, JointHealth, State, alert_document, health_from_document
+from monitor.judge.alerts.health import Health, JointHealth, State, alert_document, health_from_document
 from monitor.judge.alerts.states import FOR_DAYS, NOT_YET, stale_joints, stale_reason
 from monitor.judge.drift.ripple_track import JointRipple
+from monitor.judge.settings import HealthSettings
 from monitor.judge.torque.production_residual import ProductionEvidence
 from monitor.publish import documents
 from monitor.publish.documents import made, worded

@@ -20,16 +20,17 @@ from monitor.acquire.schedule.needed import suspicion_asks
 from monitor.errors import BadInput, MonitorError, StoreError, Unidentifiable
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm, ProductionSettings, rows_of_columns
+from monitor.identify.production.arm import ProductionArm, rows_of_columns
 from monitor.identify.production.gather import gather, initial
 from monitor.identify.production.information import ProductionInformation, information_from_document
+from monitor.identify.settings import ProductionSettings
 from monitor.judge.alerts.health import Health, alert_document
-from monitor.judge.assess import AssessSettings
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.contexts import differences
 from monitor.judge.production import ProductionAssessment, assess_production, observation_of
 from monitor.judge.production_observation import ProductionObservation, context_of_production
+from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import DAY_S, Array, Context
 from monitor.service.computing import HERE, Compute, ComputingFailed

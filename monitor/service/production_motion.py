@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.drift.usage import Usage
+from monitor.judge.settings import ResidualSettings
 from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.judge.torque.production_residual import (
     ProductionEvidence,
     ProductionResiduals,
     ProductionSample,
-    ResidualSettings,
     earlier_replay_reason,
     production_evidence,
     update,

@@ -18,8 +18,8 @@ import zenoh
 from monitor import __version__
 from monitor.errors import BadInput, BusError
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.filter_state import RATE
+from monitor.judge.settings import AssessSettings
 from monitor.publish.queries import (
     MOST_EVENTS,
     AckRequest,

@@ -30,9 +30,10 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.identify.fit.least_squares import Rows, factors
     from monitor.identify.fit.physically_consistent import physically_consistent
     from monitor.identify.identify import identify, identify_motions
-    from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings
+    from monitor.identify.production.arm import ProductionArm, ProductionRows
     from monitor.identify.production.estimate import estimate
     from monitor.identify.production.gather import gather
+    from monitor.identify.settings import ProductionSettings
     from monitor.identify.signals.motion import joint_torque, motion
     from monitor.judge.assess import assess
     from monitor.model.base import base_parameters

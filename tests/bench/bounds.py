@@ -16,9 +16,9 @@ from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
 from monitor.identify.fit.covariance import Causes, covariances
 from monitor.identify.fit.fit import FitProblem, equations_of, first_fit, layout_of
 from monitor.identify.gain_check import gain_warnings
-from monitor.identify.identification import IdentifySettings
 from monitor.identify.identify import identify
 from monitor.identify.mounting import mounting_check
+from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.filters import low_pass
 from monitor.identify.signals.motion import joint_torque, motion
 from monitor.identify.signals.ripple import gear_ripple

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.prior import FleetPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import JointNoise, joint_noise, likelihood_ratios, thresholds
+from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 from monitor.studies.fleet_prior import LearntArm, learn_prior
 from monitor.studies.rehearsal.fleet import Day, Fleet, FleetSettings, Wear

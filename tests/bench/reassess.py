@@ -37,7 +37,8 @@ from pyarrow import fs
 
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
-from monitor.judge.assess import AssessSettings, identified
+from monitor.judge.assess import identified
+from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.simulate.controller.controller import Controller

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.studies.figures import Share, at_least_one
 from monitor.studies.rehearsal.fleet import FleetSettings

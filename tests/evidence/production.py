@@ -17,10 +17,10 @@ import numpy as np
 from monitor.acquire.schedule.needed import SUSPECTED_DAYS, Told, need
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.evidence import Counts, nothing_counted, raised_by_production, wear_of_state, weigh_evidence
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
 from monitor.judge.drift.suspicion import doubted_rise, suspected_rise
+from monitor.judge.settings import AssessSettings
 from monitor.recording import DAY_S, Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate, at_least_one
 from monitor.studies.rehearsal.fleet import REPLAY_MIN, Day, Fleet, FleetSettings, Wear

@@ -20,8 +20,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.observation import Observation
+from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 from monitor.studies.figures import DAYS_A_YEAR, at_least_one
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, FleetSettings, Morning, Wear

@@ -9,7 +9,7 @@ import pytest
 from evidence.card import END, card, notes, with_worlds
 from evidence.worlds_card import WORLDS_HEAD, arms_of, worlds_section
 from monitor.judge.alerts.remaining_life import RemainingLife
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.rehearse import Covered, Reported, delay, detection_row, onsets

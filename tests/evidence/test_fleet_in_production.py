@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evidence.production import PLANS, Plan, ProductionSettings, played
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE
 from monitor.studies.rehearsal.rehearse import onsets

@@ -5,7 +5,7 @@ import pytest
 
 from evidence.production import DAILY_UNTIL, PLANS, Needs, Plan, ProductionSettings, played, row
 from monitor.acquire.schedule.windows import ScheduleSettings
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE
 

@@ -15,7 +15,7 @@ from evidence.production_observer import (
     recorded,
     threshold,
 )
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.figures import DAYS_A_YEAR
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE

@@ -9,7 +9,7 @@ import pytest
 
 from evidence import torque
 from evidence.torque import TorqueErrors, study_arm, summary, surrogate
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.model.fourier import excitation_from_document
 
 EXCITATION = Path(__file__).parents[2] / "config" / "excitation" / "ur5-ground.json"

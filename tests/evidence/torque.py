@@ -13,9 +13,10 @@ import numpy as np
 import scipy
 
 from monitor.errors import BadInput
-from monitor.judge.assess import AssessSettings, assess
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.drift.observation import observe
+from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation

@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.figures import at_least_one
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import COUNTED, play_world, world_line

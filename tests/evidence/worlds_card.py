@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import play_world
 

@@ -19,9 +19,10 @@ from monitor.config.load import load
 from monitor.errors import MotionRefused, ReplayAborted
 from monitor.identify.document import document as identification_document
 from monitor.judge.alerts.health import alert_document
-from monitor.judge.assess import AssessSettings, assess
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
+from monitor.judge.settings import AssessSettings
 from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
 from monitor.reason import reason_of

@@ -13,9 +13,10 @@ from monitor.errors import BadInput
 from monitor.identify.energy import path_of_recording
 from monitor.identify.fit.least_squares import Felt
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings
+from monitor.identify.production.arm import ProductionArm, ProductionRows
 from monitor.identify.production.estimate import estimate
 from monitor.identify.production.gather import gather
+from monitor.identify.settings import ProductionSettings
 from monitor.identify.validate import validate
 from monitor.model.regressor import felt_columns, felt_regressor, regressor
 from monitor.model.robot import Robot, load_robot, robot_from_document

@@ -10,10 +10,11 @@ import pytest
 from production_cell import TEMPERATURE_C, UR5, Cell, known_arm, parameters, replay
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.production.arm import ProductionArm, ProductionSettings, rows_of_columns, windows
+from monitor.identify.production.arm import ProductionArm, rows_of_columns, windows
 from monitor.identify.production.estimate import estimate
 from monitor.identify.production.gather import WINDOW_S, gather
 from monitor.identify.production.information import ProductionInformation, information_from_document
+from monitor.identify.settings import ProductionSettings
 from monitor.model.robot import Mounting
 from monitor.recording import DAY_S
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings
+from monitor.identify.production.arm import ProductionArm, ProductionRows
 from monitor.identify.production.estimate import estimate
 from monitor.identify.production.gather import gather
+from monitor.identify.settings import ProductionSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.store.formats.recordings import read_recording
 

@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 
 from monitor.identify.document import document
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import SignalSettings, motion
+from monitor.identify.settings import SignalSettings
+from monitor.identify.signals.motion import motion
 from monitor.identify.signals.ripple import FAST, SLOW, Unfiltered, combined, gear_ripple
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Recording

@@ -10,9 +10,9 @@ from oracle_arm import recording, truth
 
 from monitor.config.files import find_excitation
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.identification import IdentifySettings
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import SignalSettings, motion
+from monitor.identify.settings import IdentifySettings, SignalSettings
+from monitor.identify.signals.motion import motion
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Recording
 from monitor.simulate.arm.friction import REST_S, RUN_S, RunIn

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.motion import SignalSettings, motion
+from monitor.identify.settings import SignalSettings
+from monitor.identify.signals.motion import motion
 from monitor.recording import Recording
 
 FREQUENCY_HZ = 0.5  # the fastest harmonic of the paper's excitation

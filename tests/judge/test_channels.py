@@ -21,7 +21,6 @@ from monitor.judge.alerts.evidence import (
     wear_of_state,
     weigh_evidence,
 )
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.channels import (
     CHANNELS,
@@ -35,6 +34,7 @@ from monitor.judge.drift.channels import (
 from monitor.judge.drift.observation import NOT_MEASURED, Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.reason import reason_of
 

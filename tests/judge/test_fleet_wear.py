@@ -11,7 +11,6 @@ from test_wear_paths import DRIFT, LIFE, PROGNOSIS, worn_fleet
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
-from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.from_fleet import begin_from_fleet, noise_known
@@ -20,6 +19,7 @@ from monitor.judge.drift.noise.chance import MIDDLE, inflation_of, nothing_seen
 from monitor.judge.drift.prior import BOUNDS, FleetPrior, WearPrior, prior_from_document
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.update.change_detection import JointNoise, thresholds
+from monitor.judge.settings import AssessSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.studies.fleet_prior import Joint, LearntArm, learn_prior, learn_wear, rising

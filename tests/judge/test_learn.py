@@ -7,7 +7,6 @@ import pytest
 from synthetic_arm import CONTEXT, COULOMB_NM, START_S, Arm, History, fresh, lived_together, weather
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.drift.filter_state import (
     OUTLIER,
@@ -19,6 +18,7 @@ from monitor.judge.drift.filter_state import (
 )
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import learn
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 
 LAWS = TemperatureSettings()

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.drift.noise.chance import AGES, GROUPS, LEAST, LONGEST, inflation_of, nothing_seen
 from monitor.judge.drift.noise.correlation import own_correlation
 from monitor.judge.drift.noise.size import LEAST_SIGMA, MOST_SIGMA, alike, counted_sigma, follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
 

@@ -8,7 +8,6 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm, History
 
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.filter_state import ORDINARY, OUTLIER, PRODUCTION_LEVEL, STEP, replace_joints
@@ -20,6 +19,7 @@ from monitor.judge.drift.update import change_detection
 from monitor.judge.drift.update.change_detection import LONG, STEP_STD, SUMMED, JointNoise, thresholds
 from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.reason import reason_of
 

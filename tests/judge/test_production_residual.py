@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from monitor.judge.drift.usage import no_usage
+from monitor.judge.settings import ResidualSettings
 from monitor.judge.torque.predictor import TorquePrediction
-from monitor.judge.torque.production_residual import ProductionSample, ResidualSettings, earlier_replay_reason, production_evidence, update
+from monitor.judge.torque.production_residual import ProductionSample, earlier_replay_reason, production_evidence, update
 from monitor.service.production_motion import ProductionMotion, Sample
 
 SETTINGS = ResidualSettings(span_s=60.0, min_samples=50)

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.filter_state import LEVELS, RATE, SLOPE, SLOPE_CHANGE, STEP, WEAR, initial_filter, replace_joints
 from monitor.judge.drift.observation import Observation
@@ -18,6 +17,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.drift.update.blame import common_changes
 from monitor.judge.drift.update.lowest_level import begin_here
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 
 DRIFT, TEMPERATURE, HEALTH = DriftSettings(), TemperatureSettings(), HealthSettings()

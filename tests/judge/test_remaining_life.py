@@ -7,7 +7,8 @@ import pytest
 import scipy
 
 from monitor.errors import BadConfiguration
-from monitor.judge.alerts.remaining_life import PrognosisSettings, first_passage, remaining_life
+from monitor.judge.alerts.remaining_life import first_passage, remaining_life
+from monitor.judge.settings import PrognosisSettings
 
 SETTINGS = PrognosisSettings()
 WALK = 5e-4

@@ -8,7 +8,6 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, Arm
 
 from monitor.identify.signals.ripple import Ripple
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.assess import judge_identification
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
@@ -16,6 +15,7 @@ from monitor.judge.drift.ripple_track import joint_ripple, update_ripple
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.production import assess_production
 from monitor.judge.production_observation import ProductionObservation
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.publish.documents import Friction
 

@@ -8,7 +8,7 @@ import pytest
 from synthetic_arm import CONTEXT, DAY_S, START_S, Arm
 
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.alerts.health import Health, HealthSettings, health_from_document
+from monitor.judge.alerts.health import Health, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge, shelve
 from monitor.judge.alerts.rules import judge, why_not_alerting
 from monitor.judge.alerts.states import stale_joints
@@ -17,6 +17,7 @@ from monitor.judge.drift.filter_state import ORDINARY, RATE, WEAR
 from monitor.judge.drift.from_production import begin_production
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.learn import begin
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 
 SETTINGS = HealthSettings()

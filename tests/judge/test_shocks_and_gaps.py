@@ -6,11 +6,11 @@ from test_noise import correlated
 from test_noise import lived as lived_until
 
 from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.drift.noise.size import follow, present
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
+from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from synthetic_arm import CONTEXT, Arm, History, weather
 
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift import step
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.update import filter_update
+from monitor.judge.settings import AssessSettings
 from monitor.reason import Reason
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play

@@ -10,9 +10,8 @@ from synthetic_arm import CONTEXT, Arm, History
 
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.judge.alerts.health import HealthSettings
 from monitor.judge.alerts.life_cycle import acknowledge
-from monitor.judge.assess import AssessSettings, assess
+from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
 from monitor.judge.drift import undeclared
@@ -28,6 +27,7 @@ from monitor.judge.drift.undeclared import (
     weigh,
 )
 from monitor.judge.learn import enter_declared_context, enter_undeclared_level
+from monitor.judge.settings import AssessSettings, HealthSettings
 from monitor.model.fourier import excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 from monitor.reason import Reason

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from monitor.judge.alerts.remaining_life import PrognosisSettings, RemainingLife, assumptions, remaining_life, remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import RemainingLife, assumptions, remaining_life, remaining_life_of_joint
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import RATE, SLOTS, WEAR, begin_history
@@ -27,6 +27,7 @@ from monitor.judge.drift.wear_history import (
     rescale_production,
     settle_slot,
 )
+from monitor.judge.settings import PrognosisSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
 

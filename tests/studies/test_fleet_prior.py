@@ -15,10 +15,10 @@ from synthetic_arm import of_arm
 from monitor.config.load import from_document
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, BadInput
-from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.filter_state import NOISE, SLOPE
 from monitor.judge.drift.prior import BOUNDS, prior_from_document
+from monitor.judge.settings import AssessSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.simulate.arm.friction import default_law
 from monitor.store.store import Store

@@ -9,11 +9,11 @@ import scipy
 from synthetic_arm import CONTEXT, START_S, Arm
 
 from monitor.identify.identify import identify
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.learn import begin, learn
+from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.figures import Rate, Share
 from monitor.studies.rehearsal import rehearse as detection

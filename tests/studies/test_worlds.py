@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from monitor.judge.alerts.remaining_life import RemainingLife
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.studies.rehearsal.play import judged_days
 from monitor.studies.worlds.fleet import WorldFleet
 from monitor.studies.worlds.laws import (

@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.identification import Identification
-from monitor.identify.production.arm import ProductionSettings, friction_terms, rigid_parameters, rigid_places
+from monitor.identify.production.arm import friction_terms, rigid_parameters, rigid_places
 from monitor.identify.production.gather import excess
 from monitor.identify.production.information import (
     NO_BIN,
@@ -27,6 +27,7 @@ from monitor.identify.production.information import (
     between_paths,
     noise_scale,
 )
+from monitor.identify.settings import ProductionSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, Array, Mask, known_or_none
 

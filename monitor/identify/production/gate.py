@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.production.arm import LOADS, ProductionArm, ProductionRows, ProductionSettings, Torques
+from monitor.identify.production.arm import LOADS, ProductionArm, ProductionRows, Torques
 from monitor.identify.production.cut import Cut, cut
+from monitor.identify.settings import ProductionSettings
 from monitor.recording import Array, Mask
 
 CORRELATED_S = 0.5  # time over which residuals are alike, as in `fit.jackknife`

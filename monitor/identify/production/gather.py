@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.production.arm import LAW, LOADS, ProductionArm, ProductionRows, ProductionSettings, windows
+from monitor.identify.production.arm import LAW, LOADS, ProductionArm, ProductionRows, windows
 from monitor.identify.production.cut import Cut
 from monitor.identify.production.gate import CORRELATED_S, FRICTION_STD, Explained, Segments, friction_size, segments
 from monitor.identify.production.information import NO_BIN, PATHS, ProductionInformation, Sums, added
+from monitor.identify.settings import ProductionSettings
 from monitor.recording import DAY_S, Array, Indices
 
 WINDOW_S = 60.0  # of the rows that are judged together: long enough that joints turn to and fro

@@ -6,13 +6,13 @@ position over a window of time is set beside the median of its speed in this win
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from annotated_types import Interval
 
 from monitor.errors import Unidentifiable
+from monitor.identify.settings import QualitySettings
 from monitor.identify.signals.order import Slopes, median, medians, quantile, slopes
 from monitor.identify.signals.rows import restored_clock, taken, usual_size
 from monitor.reason import Reason, Sentence
@@ -135,17 +135,6 @@ def _windows(t_s: Array, x: Array, rate: Array | None, seen: Slopes | None) -> t
 
 
 # --- Quality check of a recording by the counts that its acquisition made. A disturbed motion would appear as friction ---
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class QualitySettings:
-    """How much a replay may have been disturbed and still be used."""
-
-    max_missed_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.02  # fraction of the ticks; alone on two cores none are missed
-    # fraction of the cycles whose target came late by half a tick; 3 % have no effect, with 30 % fc was 20 % off
-    max_late_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.1
-    max_slipped_s: Annotated[float, Interval(ge=0.0, le=10.0)] = 0.1  # [s] delay behind the trajectory; with more it is another trajectory
-    min_speed_scaling: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.999  # the speed slider; with less it is another trajectory
 
 
 def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualitySettings) -> str | None:

@@ -3,12 +3,12 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from annotated_types import Interval
 
 from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.settings import SignalSettings
 from monitor.identify.signals.cleaning import (
     ACCELERATIONS_REPLACED,
     MOTION_JUMPS,
@@ -64,26 +64,6 @@ OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is n
 LEAST_ACCELERATION = 0.1  # [rad/s²]
 ENOUGH_SAMPLES = 5.0  # times the filter's cutoff: half of it is the highest frequency, at which the filter leaves a thousandth
 FEWEST_ROWS = 10  # fewer sound rows are no recording
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignalSettings:
-    """How a recording becomes a motion."""
-
-    # [Hz] above the excitation's harmonics, below the ripple of the drives and the encoder's noise after differentiation
-    cutoff_hz: Annotated[float, Interval(ge=0.5, le=50.0)] = 8.0
-    filter_order: Annotated[int, Interval(ge=1, le=6)] = 2  # once forward, once backward: 4 in effect
-    trim_s: Annotated[float, Interval(ge=0.0, le=5.0)] = 0.2  # [s] cut at each end, where the filter extrapolates the signal
-    # [s] of motion at the beginning that are left out: after rest, friction is 3–5 % higher, and falls with a time constant of 10–20 s
-    run_in_s: Annotated[float, Interval(ge=0.0, le=600.0)] = 0.0
-    gap_s: Annotated[float, Interval(ge=1e-6, le=5.0)] = 0.25  # [s] the motion within a longer hole is unknown, so no spline bridges it
-    min_rate_hz: Annotated[float, Interval(ge=5.0, le=500.0)] = 10.0  # [Hz] at a lower rate, q̈ from differences has no meaning
-    min_duration_s: Annotated[float, Interval(ge=2.0, le=600.0)] = 5.0  # [s] half a period of the paper's excitation
-    min_speed_rad_s: Annotated[float, Interval(ge=1e-6, le=1.0)] = 0.05  # [rad/s] a joint that is never faster does not move
-    min_moving_share: Annotated[float, Interval(ge=0.0, le=1.0)] = 0.5  # fraction of the joints that must move
-    despike: bool = False  # replace single readings of current and torque that are spikes
-    # fraction of the rows: where more rows are torn, the other rows are not reliable either
-    max_rejected_share: Annotated[float, Interval(ge=0.0, le=0.9)] = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

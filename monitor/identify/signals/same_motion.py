@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.signals.motion import Motion, SignalSettings, motion
+from monitor.identify.settings import SignalSettings
+from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.signals.order import quantiles
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import FOREIGN_MOTION, Array, Recording

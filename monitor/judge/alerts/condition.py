@@ -3,25 +3,28 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, HealthSettings, JointHealth, State
-from monitor.judge.belief import Belief
-from monitor.judge.drift.undeclared import UndeclaredChange
+from monitor.judge.alerts.health import TIERS, Alert, Attribution, Confirmations, JointHealth, State
+from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.judge.alerts.evidence import Evidence
+    from monitor.judge.belief import Belief
+    from monitor.judge.drift.undeclared import UndeclaredChange
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmSituation:
     """One arm after a replay: what the rules of its conditions read."""
 
-    belief: Belief
-    evidence: Evidence
-    undeclared: UndeclaredChange  # in this replay
+    belief: "Belief"
+    evidence: "Evidence"
+    undeclared: "UndeclaredChange"  # in this replay
     common: Confirmations  # of friction that changed in most joints together, this replay included
     alerts: Mapping[tuple[int | None, str], Alert]  # by joint and condition, before this replay
     settings: HealthSettings
@@ -37,7 +40,7 @@ class JointSituation:
     attribution: Attribution | None  # of the joint's change of friction
 
     @property
-    def belief(self) -> Belief:
+    def belief(self) -> "Belief":
         """The arm's belief."""
         return self.arm.belief
 

@@ -17,12 +17,13 @@ import numpy as np
 import scipy
 
 from monitor.identify.validate import PLACE_RAD
-from monitor.judge.alerts.health import TIERS, Health, HealthSettings
+from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.belief import Belief
 from monitor.judge.drift.channels import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
 from monitor.judge.drift.update.change_detection import LONG
+from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S, Array
 

@@ -10,20 +10,10 @@ from typing import Any, NamedTuple
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import AlertCondition, ConditionStatus, ServiceSituation
 from monitor.judge.alerts.conditions import FALLING, RISES, STOPPED
-from monitor.judge.alerts.health import (
-    NO_CONFIRMATIONS,
-    SEVERITY,
-    TIERS,
-    Acknowledgement,
-    Alert,
-    Gravest,
-    Health,
-    HealthSettings,
-    JointHealth,
-    Transition,
-)
+from monitor.judge.alerts.health import NO_CONFIRMATIONS, SEVERITY, TIERS, Acknowledgement, Alert, Gravest, Health, JointHealth, Transition
 from monitor.judge.alerts.states import arm_of, joint_of
 from monitor.judge.drift.maintenance import NEW_JOINT, NEW_REFERENCE, STILL_WORN, Maintenance
+from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 

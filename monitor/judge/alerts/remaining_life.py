@@ -10,18 +10,16 @@ break earlier or later.
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from annotated_types import Interval
 
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
-from monitor.judge.bounds import check_bounds
 from monitor.judge.drift.filter_state import RATE, WEAR
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState
+from monitor.judge.settings import PrognosisSettings
 from monitor.reason import Reason, Sentence, reason_at, together
 from monitor.recording import Array
 
@@ -68,19 +66,6 @@ FINE_POINTS = 96  # of the fine table, between the coarse points beside P10 and 
 NODES = 199
 FAMILIES = {"slowing": SLOWING, "straight": STRAIGHT, "accelerating": ACCELERATING}
 WORTH_TELLING = 0.05  # probability from which it is said when an accelerating path would reach the limit
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PrognosisSettings:
-    """The limit, and the evidence that a prediction requires."""
-
-    limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30  # of friction above that at the beginning, as a fraction
-    service_days: Annotated[float, Interval(ge=1.0, le=3650.0)] = 90.0  # until the next service
-    trend_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # probability of a positive rate below which no date is given
-
-    def __post_init__(self) -> None:
-        """Raises BadConfiguration where a figure is out of its bounds."""
-        check_bounds(self, "prognosis")
 
 
 class RemainingLife(NamedTuple):

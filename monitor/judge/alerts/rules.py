@@ -26,23 +26,14 @@ from monitor.judge.alerts.evidence import (
     wear_after_replay,
     weigh_evidence,
 )
-from monitor.judge.alerts.health import (
-    NO_CONFIRMATIONS,
-    TIERS,
-    Alert,
-    Attribution,
-    Confirmations,
-    Health,
-    HealthSettings,
-    JointHealth,
-    Transition,
-)
+from monitor.judge.alerts.health import NO_CONFIRMATIONS, TIERS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
 from monitor.judge.alerts.life_cycle import OF_FRICTION, begin, next_transition, settle, without_confirmations
 from monitor.judge.alerts.states import arm_of, arm_state, attribute_changes, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared import NO_UNDECLARED_CHANGE, UndeclaredChange
+from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 

@@ -9,22 +9,12 @@ import numpy as np
 
 from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
-from monitor.judge.alerts.health import (
-    CHECK_FUNCTION,
-    NORMAL,
-    OFF_SPEC,
-    STATES,
-    Alert,
-    Attribution,
-    Health,
-    HealthSettings,
-    JointHealth,
-    State,
-)
+from monitor.judge.alerts.health import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, Alert, Attribution, Health, JointHealth, State
 from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import LEVELS, OUTLIER, UNRESOLVED
 from monitor.judge.drift.maintenance import GREASED, MAINTENANCE, OVERHAULED, REPLACED, SERIALS
 from monitor.judge.drift.undetected_change import UnseenStep
+from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, Array
 

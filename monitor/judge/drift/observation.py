@@ -1,12 +1,14 @@
 """One replay as the filter sees it: friction torque at the reference speed, and the joints' temperatures."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from monitor.identify.identification import Identification
 from monitor.judge.drift.settings import DriftSettings
 from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.identify.identification import Identification
 
 POSSIBLE_C = (-20.0, 100.0)  # [°C] of a joint that works; beyond it the sensor is wrong
 VISCOUS_SHARE = 0.4  # assumed where a joint is not resolved
@@ -31,7 +33,7 @@ class Observation(NamedTuple):
     log_torque_fast: Array = NOT_MEASURED  # … and at `FAST_RAD_S`; NaN where the joint was not resolved
 
 
-def observe(identification: Identification, settings: DriftSettings) -> Observation:
+def observe(identification: "Identification", settings: DriftSettings) -> Observation:
     """The observation of an identified replay. A joint is resolved where it moved fast enough and its friction is certain enough."""
     v = settings.reference_speed_rad_s
     torque, std = identification.friction_at(v)
@@ -59,7 +61,7 @@ def observe(identification: Identification, settings: DriftSettings) -> Observat
     )
 
 
-def _log_torque_beside_line(identification: Identification, speed_rad_s: float) -> Array:
+def _log_torque_beside_line(identification: "Identification", speed_rad_s: float) -> Array:
     """(J,) log of the friction torque at a speed by a law richer than fc + fv·v; NaN where there is none or the joint was slower."""
     if identification.friction is not None:
         torque = identification.friction.at(speed_rad_s)[0]

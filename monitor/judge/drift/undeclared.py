@@ -9,16 +9,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import compress
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import scipy
 
-from monitor.identify.identification import Identification
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import PER_JOINT
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.identify.identification import Identification
 
 MOUNTING, PAYLOAD, GAINS = "mounting_contradiction", "payload_contradiction", "gain_contradiction"  # what changed
 MIN_REPLAYS = 3  # with fewer replays before, there is nothing to compare with
@@ -73,7 +75,7 @@ class MassEstimate:
     scatter: float = PRIOR_SCATTER  # mean χ² per degree of freedom of what neither a mass nor a common scale explains
 
 
-def rigid_of(identification: Identification) -> np.ndarray:
+def rigid_of(identification: "Identification") -> np.ndarray:
     """(B,) which base parameters are rigid: neither friction nor rotor inertia."""
     rigid: np.ndarray = _rigid_columns(len(identification.coulomb_nm))[np.asarray(identification.columns, dtype=int)]
     return rigid
@@ -102,7 +104,7 @@ class RigidFit(NamedTuple):
         return np.diagonal(self.covariance)
 
 
-def rigid_fit(identification: Identification) -> RigidFit:
+def rigid_fit(identification: "Identification") -> RigidFit:
     """The rigid part of an identification."""
     rigid = rigid_of(identification)
     last_link = PER_JOINT * (len(identification.coulomb_nm) - 1)
@@ -115,7 +117,7 @@ def rigid_fit(identification: Identification) -> RigidFit:
     )
 
 
-def another_gravity(identification: Identification) -> UndeclaredChange:
+def another_gravity(identification: "Identification") -> UndeclaredChange:
     """What of a replay contradicts the declared mounting: identify compares it with gravity in the data."""
     contradictions = [warning for warning in identification.warnings if warning.code == MOUNTING]
     return UndeclaredChange(MOUNTING, contradictions[0]) if contradictions else NO_UNDECLARED_CHANGE

@@ -10,12 +10,10 @@ the factor fc(T)/fc(T₁) for the first and third term.)
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from monitor.identify.identification import Identification
-from monitor.judge.belief import Belief
 from monitor.judge.document import plain, typed
 from monitor.judge.prediction_error import rms
 from monitor.judge.temperature.laws import LawValue, Line
@@ -23,6 +21,10 @@ from monitor.model.friction import FrictionLaw, friction_law
 from monitor.model.regressor import friction_columns
 from monitor.model.robot import Mounting
 from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.identify.identification import Identification
+    from monitor.judge.belief import Belief
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,7 +105,7 @@ def model_from_document(document: Any) -> CompensatedModel:
 # --- Identification and belief after one replay → the temperature-compensated torque model --------------
 
 
-def build_model(identification: Identification, belief: Belief, *, coulomb: Line, viscous: Line) -> CompensatedModel:
+def build_model(identification: "Identification", belief: "Belief", *, coulomb: Line, viscous: Line) -> CompensatedModel:
     """The model after a replay: the rigid part comes from the identification, the friction from the belief.
 
     coulomb, viscous : fc(T) and fv(T) of the belief, from `Belief.lines`.
@@ -131,7 +133,7 @@ def build_model(identification: Identification, belief: Belief, *, coulomb: Line
     )
 
 
-def _friction_correlation(identification: Identification) -> Array:
+def _friction_correlation(identification: "Identification") -> Array:
     """(J,) correlation of fc and fv within the replay; 0 where unknown."""
     variances = identification.friction_cov[:, [0, 1], [0, 1]]  # (J, 2)
     scale = np.sqrt(variances.prod(axis=1))
@@ -140,7 +142,7 @@ def _friction_correlation(identification: Identification) -> Array:
     return clipped
 
 
-def _residual_friction(identification: Identification) -> ResidualFriction | None:
+def _residual_friction(identification: "Identification") -> ResidualFriction | None:
     """The replay's friction beyond fc and fv; None where it was not fitted."""
     residual = identification.residual_friction
     if residual is None:

@@ -8,33 +8,17 @@ standard deviation, and only a clear rise above the baseline in several observat
 """
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from annotated_types import Interval
 
+from monitor.judge.settings import ResidualSettings
 from monitor.judge.torque.predictor import TorquePrediction
 from monitor.reason import joint_text
 from monitor.recording import Array
 
 MAX_STEP_S = 1.0  # a longer pause between samples counts as so long
 SHARED_SHARE = 0.5  # of an observation's variance that further observations do not reduce: the bias of similar work stays
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualSettings:
-    """Which samples of normal work count, and what they must show to ask for a replay."""
-
-    min_speed_rad_s: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.1  # below it pre-sliding hides the direction of friction
-    max_acceleration_rad_s2: Annotated[float, Interval(ge=0.1, le=100.0)] = 3.0  # above it the inertia of unknown loads hides friction
-    span_s: Annotated[float, Interval(ge=60.0, le=86400.0)] = 3600.0  # of motion of one joint that make one observation
-    min_samples: Annotated[int, Interval(ge=10, le=1_000_000)] = 200  # a span with fewer samples makes no observation
-    deviation: Annotated[float, Interval(ge=0.01, le=1.0)] = 0.08  # standard deviation of one observation, as a fraction of friction
-    baseline_observations: Annotated[int, Interval(ge=1, le=100)] = 3  # observations after a replay that make the baseline
-    rise: Annotated[float, Interval(ge=0.01, le=10.0)] = 0.10  # above the baseline that asks for a replay, as a fraction of friction …
-    sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.99  # … where friction has risen with this probability …
-    min_observations: Annotated[int, Interval(ge=1, le=100)] = 3  # … and so many observations in a row are above that rise
 
 
 class ProductionSample(NamedTuple):

@@ -11,8 +11,7 @@ import orjson
 import sqlalchemy as sa
 
 from monitor.errors import BadInput, BusError
-from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.alerts.remaining_life import PrognosisSettings
+from monitor.judge.settings import HealthSettings, PrognosisSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.plant.database import Database
 from monitor.plant.links import ArmName, Link, command_arm

@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert, Health, Transition, alert_document, alert_from_document, health_from_document
-from monitor.judge.assess import AssessSettings, Rejected, assess
+from monitor.judge.assess import Rejected, assess
 from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
+from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.torque import sample_var

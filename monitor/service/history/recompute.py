@@ -13,13 +13,14 @@ import numpy as np
 from monitor.errors import ArchiveConflict, ArchiveRefused, ArchiveUnavailable, BadInput
 from monitor.judge.alerts.health import Health, alert_from_document, health_from_document
 from monitor.judge.alerts.states import with_service_alert
-from monitor.judge.assess import AssessSettings, Rejected, model_after
+from monitor.judge.assess import Rejected, model_after
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import typed
 from monitor.judge.drift.prior import FleetPrior, prior_from_plain
 from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation
+from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context, Recording

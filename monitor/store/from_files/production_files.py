@@ -12,11 +12,12 @@ from monitor.errors import BadInput
 from monitor.identify.document import identification_from_document
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.production.arm import ProductionArm, ProductionRows, ProductionSettings, windows
+from monitor.identify.production.arm import ProductionArm, ProductionRows, windows
 from monitor.identify.production.cut import CAUSES
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.gather import WINDOW_S, gather, initial
 from monitor.identify.production.information import ProductionInformation
+from monitor.identify.settings import ProductionSettings
 from monitor.identify.signals.cleaning import cleaned
 from monitor.identify.signals.motion import refuse_other_arm, refuse_twice
 from monitor.model.robot import Mounting, Robot

@@ -12,9 +12,10 @@ from monitor.errors import BadInput
 from monitor.identify.signals.same_motion import with_motions
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.rules import why_not_alerting
-from monitor.judge.assess import AssessSettings, Rejected, assess
+from monitor.judge.assess import Rejected, assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
+from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.timestamps import unix_s
 from monitor.recording import Array, Recording

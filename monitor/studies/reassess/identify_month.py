@@ -22,8 +22,9 @@ from monitor import __version__
 from monitor.errors import ArchiveConflict, ArchiveLost, ArchiveRefused, ArchiveUnavailable, BadInput, StoreError, Unidentifiable
 from monitor.identify.identification import Identification, ResidualFrictionFit
 from monitor.identify.signals.ripple import Ripple
-from monitor.judge.assess import AssessSettings, identified
+from monitor.judge.assess import identified
 from monitor.judge.document import typed
+from monitor.judge.settings import AssessSettings
 from monitor.model.base import base_parameters
 from monitor.model.friction import friction_law
 from monitor.model.robot import Mounting, load_robot

@@ -14,11 +14,12 @@ from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.alerts.health import TIERS, Health, Transition, alert_from_document
 from monitor.judge.alerts.life_cycle import acknowledge, declare, unacknowledge
 from monitor.judge.alerts.states import with_service_alert
-from monitor.judge.assess import AssessSettings, Rejected, judge_identification, refusal
+from monitor.judge.assess import Rejected, judge_identification, refusal
 from monitor.judge.assessment import Assessment
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints
+from monitor.judge.settings import AssessSettings
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.recompute import Change, Tally, Unjudged, amended, judge_day, repeat

@@ -17,9 +17,9 @@ from monitor.config.schema import FlowSettings, assess_sections, section_classes
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
 from monitor.errors import ArchiveConflict, ArchiveUnavailable, BadInput, StoreError
-from monitor.judge.assess import AssessSettings
 from monitor.judge.document import plain
 from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.settings import AssessSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.store.archive.archive import Archive, split_address
 from monitor.store.archive.places import ArchiveSettings

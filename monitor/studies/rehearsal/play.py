@@ -11,13 +11,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared import Weights, declares_level, weigh
 from monitor.judge.drift.undetected_change import undetected_change
+from monitor.judge.settings import AssessSettings, HealthSettings
 from monitor.recording import DAY_S, Array
 from monitor.studies.figures import NINETY
 from monitor.studies.rehearsal.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
-from monitor.judge.assess import AssessSettings
 from monitor.judge.drift.step import DriftState
+from monitor.judge.settings import AssessSettings
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Figure, Rate, Share, median_bounds, over_arms, share_document
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, SCENARIOS, Day, FleetSettings, Wear

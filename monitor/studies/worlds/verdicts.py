@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence
 from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
-from monitor.judge.assess import AssessSettings
+from monitor.judge.settings import AssessSettings
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
 from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, interval_holds, judged_days

@@ -7,8 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.alerts.health import HealthSettings
-from monitor.judge.alerts.remaining_life import PrognosisSettings
+from monitor.judge.settings import HealthSettings, PrognosisSettings
 from monitor.model.robot import Mounting, Robot
 from monitor.reason import joint_name
 from monitor.views.language.catalogue import LANGUAGES
