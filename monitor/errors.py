@@ -4,6 +4,9 @@ A `MonitorError` is a sentence for a person: what was wrong, where, and what wou
 and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
+import math
+from typing import NamedTuple
+
 from monitor.reason import Reason, Sentence, reason_of
 
 DOES_NOT_HOLD = Sentence("condition_does_not_hold", "{condition}: {why}")
@@ -48,6 +51,13 @@ class MotionRefused(MonitorError):
 
 class RobotUnreachable(MonitorError):
     """The controller does not answer: check the cable, the address and the power."""
+
+
+class LastSeen(NamedTuple):
+    """When an arm was last seen in a motion."""
+
+    host_s: float  # this host's monotonic clock
+    controller_s: float = math.nan  # the controller's clock; NaN: not known
 
 
 class ReplayAborted(MonitorError):
@@ -96,16 +106,18 @@ class ReplayAborted(MonitorError):
         phase: str = "",
         home_q: tuple[float, ...] = (),
         borrowed: bool = False,
+        last_seen: LastSeen | None = None,
     ) -> None:
         """`moved`: a program of ours may have moved the arm. `at_rest`: it was seen at rest, and our program has ended.
 
         `unknown`: what is not known of the arm after this end, or must be put right; None: all that must be known is.
         `phase`: the last one in which targets were sent; empty: none was. `home_q`: (J,) [rad] where the arm should have come back to.
         `borrowed`: the arm was taken from a program that played, and not given back; that program has ended, and a person must start it.
+        `last_seen`: when the session last showed the arm; None: it never did.
         """
         super().__init__(message)
         self.cause, self.moved, self.at_rest, self.unknown = cause, moved, at_rest, unknown
-        self.phase, self.home_q, self.borrowed = phase, home_q, borrowed
+        self.phase, self.home_q, self.borrowed, self.last_seen = phase, home_q, borrowed, last_seen
 
     @property
     def needs_a_person(self) -> bool:
@@ -134,6 +146,7 @@ class ReplayAborted(MonitorError):
             phase=self.phase,
             home_q=self.home_q,
             borrowed=self.borrowed,
+            last_seen=self.last_seen,
         )
 
 

@@ -7,6 +7,8 @@ A session that has ended leaves a `State` whose program may still run. `end_prog
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import RUNTIME_STOPPED, STANDSTILL_RAD_S, ArmState, program_name
 from monitor.acquire.watch import Watch
-from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.errors import AT_HOST, LastSeen, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.reason import Reason, Sentence, reason_from
 
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
@@ -105,17 +107,28 @@ def how_it_ended(
         phase="" if given_back or watch.last_motion is None else watch.last_motion.value,  # the program that has its arm back moves it now
         home_q=home_q,
         borrowed=state.lent,
+        last_seen=watch.last_seen,
     )
 
 
-class ArmAfter:
-    """The arm after a motion. `stop` is the stop that its safety system holds; `unknown` says what is not known; None: all is in order.
+class Gap(NamedTuple):
+    """From the last that a session showed of its arm to the first look at it. Nobody has seen what happened between the two.
 
-    `state` is what the controller reported; None where it did not answer.
+    The two clocks agree where the controller ran through the gap.
     """
 
-    def __init__(self, stop: SafetyStop | None, unknown: Reason | None, state: ArmState | None = None) -> None:
-        self.stop, self.unknown, self.state = stop, unknown, state
+    host_s: float
+    controller_s: float  # NaN: one of the two did not show it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmAfter:
+    """The arm after a motion."""
+
+    stop: SafetyStop | None = None  # that its safety system holds
+    unknown: Reason | None = None  # what is not known; None: all is in order
+    state: ArmState | None = None  # what the controller reported; None: it did not answer
+    gap: Gap | None = None  # before the first look; None: nobody looked, or nothing was seen before
 
 
 NO_ANSWER = Sentence(
@@ -129,25 +142,37 @@ A_PROGRAM_RUNS = Sentence(
 NOT_STILL = Sentence("not_still", "the arm does not stand still")
 
 
-def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool] = lambda: False) -> ArmAfter:
+def gap_between(last: LastSeen | None, state: ArmState | None) -> Gap | None:
+    """The gap before a look that showed this state; None where nothing was seen on one of its sides."""
+    if last is None or state is None:
+        return None
+    return Gap(state.host_s - last.host_s, state.controller_s - last.controller_s)
+
+
+def look(
+    driver: Driver,
+    settings: ReplaySettings,
+    *,
+    clean: bool,
+    last_seen: LastSeen | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> ArmAfter:
     """Look at the arm until it is in order, for at most confirm_timeout_s.
 
     clean : the session has shown that the arm came to rest and its program ended; a program that runs now is another's, and may move it.
     """
-    began = time.monotonic()
+    began, gap = time.monotonic(), None
     while True:
-        found = judged(driver.state(settings.host, settings.rate_hz, LOOK_S), clean=clean)
+        state = driver.state(settings.host, settings.rate_hz, LOOK_S)
+        found, gap = judged(state, clean=clean), gap or gap_between(last_seen, state)
         lasted_s = time.monotonic() - began
         patience_s = settings.confirm_timeout_s if found is None else min(REST_S, settings.confirm_timeout_s)
         if should_stop():
             patience_s = min(patience_s, LEAVING_S)
         if found is None and lasted_s > patience_s:
-            return ArmAfter(
-                None,
-                NO_ANSWER(lasted_s=lasted_s),
-            )
+            return ArmAfter(unknown=NO_ANSWER(lasted_s=lasted_s), gap=gap)
         if found is not None and (found.unknown is None or found.stop is not None or lasted_s > patience_s):
-            return found
+            return replace(found, gap=gap)
 
 
 def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
@@ -159,12 +184,12 @@ def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
     if (why := state.not_running) is not None:
         return ArmAfter(SafetyStop("robot_mode", why), why, state)
     if clean:
-        return ArmAfter(None, None, state)
+        return ArmAfter(state=state)
     if state.runtime_state != RUNTIME_STOPPED:
         return ArmAfter(None, A_PROGRAM_RUNS(name=program_name(state.runtime_state)), state)
     if not np.all(np.abs(state.qd) <= STANDSTILL_RAD_S):  # also where a speed is no number
         return ArmAfter(None, NOT_STILL(), state)
-    return ArmAfter(None, None, state)
+    return ArmAfter(state=state)
 
 
 def judged_end(error: ReplayAborted, after: ArmAfter) -> ReplayAborted:

@@ -16,7 +16,7 @@ from monitor.acquire.driver import Driver, ReplayTask, usual_driver
 from monitor.acquire.ending import end_program, how_it_ended
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, conditions, named_conditions, refuse_unless
-from monitor.acquire.safety.gate import AskPermit, Gate
+from monitor.acquire.safety.gate import PERMIT_NO_ANSWER, AskPermit, Gate
 from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, LastMotion, Permit
 from monitor.acquire.safety.oversight import Oversight, Question, permit_kept, remote_control_kept
 from monitor.acquire.safety.torque_basis import BandBasis
@@ -46,15 +46,15 @@ def check(
     conditions that need its answer; nothing is raised for it.
     """
     driver = driver or usual_driver()
-    identity, unreachable, last = None, "", last or LastMotion()
+    identity, unreachable = None, None
     try:
         identity = driver.identity(settings.host)
     except RobotUnreachable as error:
-        unreachable = str(error)
+        unreachable = error.reason
     permit: Permit | None = None
     if settings.permit == "zenoh" and ask is not None:
         permit = ask({"robot": robot.name, "only_a_check": True}, settings.permit_timeout_s)
-        permit = permit or Permit(False, f"permit/replay: no answer within {settings.permit_timeout_s:g} s")
+        permit = permit or Permit(False, PERMIT_NO_ANSWER(limit_s=settings.permit_timeout_s))
     return conditions(
         ConditionInputs(
             settings=settings,
@@ -65,11 +65,9 @@ def check(
             identity=identity,
             unreachable=unreachable,
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
-            stopped_before=last.stopped_before,
-            expected_serial=last.expected_serial,
+            last=last or LastMotion(),
             permit=permit,
             installation=installation or Installation(),
-            left=last.left,
         )
     )
 
@@ -131,10 +129,9 @@ def replay(
         now_unix_s=time.time(),
         identity=None,
         state=None,
-        stopped_before=last.stopped_before,
+        # a lent arm is given back where it was taken, wherever another motion has left it
+        last=dataclasses.replace(last, left=None) if settings.lent else last,
         installation=installation or Installation(),
-        expected_serial=last.expected_serial,
-        left=None if settings.lent else last.left,  # a lent arm is given back where it was taken, wherever another motion has left it
     )
     refuse_unless(named_conditions(inputs, OF_CONFIGURATION))
     identity = driver.identity(settings.host)
@@ -148,7 +145,7 @@ def replay(
         context=inputs.context,
         installation=inputs.installation,
         basis=basis or BandBasis(),
-        left=inputs.left,
+        left=inputs.last.left,
     )
     gate = Gate(inputs, ask=caller.ask, announce=caller.announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()

@@ -8,6 +8,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from monitor.acquire.rows import layout_of
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array
@@ -79,6 +81,16 @@ JOINT_NOT_RUNNING = Sentence(
     "joint_not_running", "{joint:joint} is in mode {mode:g} ({name:word}); expected {running} (running, its brake released)"
 )
 TEACH_BUTTON_HELD = Sentence("teach_button_held", "somebody holds the freedrive button; expected nobody at the arm")
+NOT_FINITE = Sentence("values_not_finite", "the controller reports values that are not finite")
+SLIDER_LOW = Sentence(
+    "slider_low", "the speed slider is at {share_percent:.0f} %; expected 100 %: at less the arm plays another trajectory"
+)
+PROGRAM_SLOW = Sentence("program_slow", "the program plays at {share_percent:.0f} % of its speed: the arm plays another trajectory")
+ANOTHER_PAYLOAD = Sentence(
+    "another_payload",
+    "the controller reckons with {payload_kg:.3f} kg, the configuration says {configured_kg:.3f} kg; at most {limit_kg:g} kg apart",
+)
+TEMPERATURE_OUTSIDE = Sentence("temperature_outside", "{joint:joint} is at {temperature_c:.1f} °C; allowed are {low_c:g} to {high_c:g} °C")
 
 
 def program_name(runtime_state: int) -> str:
@@ -121,7 +133,11 @@ class Identity(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmState:
-    """One snapshot of the controller, with what the conditions need. NaN stands for a value that the controller does not report."""
+    """One snapshot of the controller. NaN stands for a value that the controller does not report.
+
+    What may be wrong with it is a reason, None where it is not so: the conditions before a motion, its checks and the look after it ask
+    the same questions.
+    """
 
     robot_mode: int
     safety_mode: int
@@ -139,6 +155,8 @@ class ArmState:
     accelerometer_m_s2: tuple[float, float, float] = (math.nan, math.nan, math.nan)  # of the flange, in the flange's frame
     digital_inputs: float = math.nan  # a bit for each input, as a number
     status_bits: float = math.nan  # robot_status_bits, as a number
+    controller_s: float = math.nan  # controller's clock
+    host_s: float = math.nan  # this host's monotonic clock when the row was read
     joint_modes: tuple[float, ...] = ()  # (J,) numbers of JOINT_MODES; empty where none was read
     tcp_pose: tuple[float, ...] = ()  # (6,) position [m], rotation vector [rad] in the base's frame; empty where none was read
 
@@ -177,16 +195,43 @@ class ArmState:
         return None
 
     @property
-    def teach_button_held(self) -> bool:
-        """Whether somebody holds the freedrive button; True where the bits are no number, False where they are not reported."""
-        if math.isnan(self.status_bits):
-            return False
-        return not math.isfinite(self.status_bits) or bool(int(self.status_bits) & STATUS_BIT_TEACH_BUTTON)
+    def teach_button(self) -> Reason | None:
+        """Somebody holds the freedrive button, or the bits are no number; None where they are not reported."""
+        if math.isnan(self.status_bits) or (math.isfinite(self.status_bits) and not int(self.status_bits) & STATUS_BIT_TEACH_BUTTON):
+            return None
+        return TEACH_BUTTON_HELD()
+
+    @property
+    def no_position(self) -> Reason | None:
+        """A position, or the controller's own target, is no number."""
+        return None if np.all(np.isfinite(self.q)) and np.all(np.isfinite(self.target_q)) else NOT_FINITE()
+
+    def other_payload(self, configured_kg: float | None, limit_kg: float) -> Reason | None:
+        """The controller reckons with another payload than the configured one; None where one of the two is not known."""
+        if configured_kg is None or math.isnan(self.payload_kg) or abs(self.payload_kg - configured_kg) <= limit_kg:
+            return None
+        return ANOTHER_PAYLOAD(payload_kg=self.payload_kg, configured_kg=configured_kg, limit_kg=limit_kg)
+
+    def temperature_outside(self, allowed_c: tuple[float, float]) -> Reason | None:
+        """The first joint whose temperature is not in the range, or not known."""
+        low_c, high_c = allowed_c
+        outside = np.flatnonzero(~((self.temperature_c >= low_c) & (self.temperature_c <= high_c)))
+        if not outside.size:
+            return None
+        j = int(outside[0])
+        return TEMPERATURE_OUTSIDE(joint=j + 1, temperature_c=self.temperature_c[j], low_c=low_c, high_c=high_c)
 
     @property
     def slider_full(self) -> bool:
         """Whether the operator's slider stands at 100 %, with rounding; False where it is not reported."""
         return FULL_SPEED <= self.speed_fraction <= 2.0 - FULL_SPEED
+
+    @property
+    def slider_low(self) -> Reason | None:
+        """The operator's slider is not at 100 %; None where it is not reported."""
+        if math.isnan(self.speed_fraction) or self.slider_full:
+            return None
+        return SLIDER_LOW(share_percent=100.0 * self.speed_fraction)
 
     @property
     def speed(self) -> float:
@@ -201,6 +246,13 @@ class ArmState:
     def at_full_speed(self) -> bool:
         """Whether a program plays at 100 %, with rounding; False where that is not reported."""
         return FULL_SPEED <= self.speed <= 2.0 - FULL_SPEED
+
+    @property
+    def slow(self) -> Reason | None:
+        """A program that had come up to full speed plays at less, because of the slider or of the limiter; None: not reported."""
+        if math.isnan(self.speed) or self.at_full_speed:
+            return None
+        return PROGRAM_SLOW(share_percent=100.0 * self.speed)
 
 
 def arm_state(row: Array) -> ArmState:
@@ -224,6 +276,8 @@ def arm_state(row: Array) -> ArmState:
         accelerometer_m_s2=(float(x), float(y), float(z)),
         digital_inputs=float(of["actual_digital_input_bits"][0]),
         status_bits=float(of["robot_status_bits"][0]),
+        controller_s=float(of["timestamp"][0]),
+        host_s=float(of["host_monotonic_s"][0]),
         joint_modes=tuple(of["joint_mode"].tolist()),
         tcp_pose=tuple(of["actual_TCP_pose"].tolist()),
     )

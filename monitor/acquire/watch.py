@@ -14,8 +14,8 @@ from monitor.acquire.safety.gate import Announce, AskPermit, Gate
 from monitor.acquire.safety.oversight import Interruption, Oversight
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.state import ArmState, Identity, arm_state
-from monitor.errors import MonitorError, RobotUnreachable
-from monitor.reason import Reason, Sentence, reason_from, reason_of
+from monitor.errors import LastSeen, MonitorError, RobotUnreachable
+from monitor.reason import Reason, Sentence, reason_from
 from monitor.recording import Array
 
 POLL_S = 0.05  # how often the caller is asked whether to stop
@@ -42,7 +42,7 @@ class ReplayProgress(NamedTuple):
     duration_s: float  # of this phase; 0 where it is not known
     rows: int
     slow: bool = False  # of a slow first pass
-    passed_by: str = ""  # in the phase NODE: why the arm was not taken at the program's last node; empty: none offered it yet
+    passed_by: Reason | None = None  # in the phase NODE: why the arm was not taken at the program's last node; None: none offered it yet
 
     @property
     def text(self) -> str:
@@ -60,7 +60,7 @@ class Caller:
     ask: AskPermit | None = None  # asks for somebody else's permit, again and again while the arm moves
     begin: Callable[[Identity], None] = lambda _: None  # just before the arm may move; what it raises ends the replay, and nothing moves
     should_stop: Callable[[], bool] = lambda: False  # asked about every 50 ms …
-    forbidden: Callable[[], str | Reason | None] = lambda: None  # … and so is this: why the arm may not move any longer
+    forbidden: Callable[[], Reason | None] = lambda: None  # … and so is this: why the arm may not move any longer
     on_progress: Callable[[ReplayProgress], None] | None = None
 
 
@@ -90,7 +90,7 @@ class Watch:
         self.asked: Interruption | None = None  # why a stop was asked for
         self.interruption: Interruption | None = None  # why the session was given up
         self.refusal: Exception | None = None  # what refused the motion while a program waits for its arm, or for the node
-        self._passed_by = ""  # why the arm was not taken at the program's last node
+        self._passed_by: Reason | None = None  # why the arm was not taken at the program's last node
         now = time.monotonic()
         self._window_at = self._beat_at = 0.0  # when the time of the replay was last looked at; when the session last heard from here
         self._phase_at = self._received_at = self._asked_at = now
@@ -116,6 +116,19 @@ class Watch:
         if self.phase is Phase.CONTROL and not self.state.lent:
             return OurProgram(self._alive_at, "starting", name)
         return OurProgram(self._alive_at, name=name)
+
+    @property
+    def last_seen(self) -> LastSeen:
+        """When the session last showed the arm: by its last word, its last row, or a sign of life."""
+        seen = None if self.last_word is None else self.last_word.get("seen")
+        if seen is not None:
+            return LastSeen(*seen)
+        if self.rows:
+            row, column = self.rows[-1], layout_of(len(self.rows[-1])).column
+            shown = LastSeen(float(row[column["host_monotonic_s"]][0]), float(row[column["timestamp"]][0]))
+            if shown.host_s >= self._alive_at:
+                return shown
+        return LastSeen(self._alive_at)
 
     def find_out(self, playing_program: Callable[[], str | None]) -> None:
         """Where the session has ended before the program answered: whether it has its arm, or has ended. The arm stands in either case.
@@ -231,7 +244,7 @@ class Watch:
 
     def _forbidden(self) -> Interruption | None:
         if (why := self.caller.forbidden()) is not None:
-            return Interruption("motion_forbidden", reason_of(why))
+            return Interruption("motion_forbidden", why)
         return self.oversight.finding
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
@@ -248,7 +261,7 @@ class Watch:
         if kind == "state":
             self.arm = arm_state(np.array(frame["row"], dtype=float))
         elif kind == "passed_by":
-            self._passed_by = reason_from(frame["reason"]).text
+            self._passed_by = reason_from(frame["reason"])
         elif kind not in NO_EVENTS and self.last_word is None:
             self._hear(Event(kind), frame)
 

@@ -48,7 +48,7 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
         try:
             found = check_conditions(configuration, ask=ask)
         except StoreError as error:  # the history says whether a stop waits for a person
-            found = (ConditionResult(name="previous_stop", holds=False, text=str(error)),)
+            found = (ConditionResult(name="previous_stop", holds=False, reason=error.reason),)
     may = all(condition.holds for condition in found)
     bus, gateway = _bus_reach(configuration), _gateway_reach(configuration)
     if as_json:

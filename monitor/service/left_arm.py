@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from monitor.acquire.ending import ArmAfter
 from monitor.acquire.safety.conditions import named_conditions
-from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.inputs import ConditionInputs, LastMotion
 from monitor.acquire.safety.way import JOIN_RAD, Left, left_from_document, nearest_place
 from monitor.config.schema import Configuration
 from monitor.errors import DOES_NOT_HOLD, BadInput, ReplayAborted, RobotUnreachable
@@ -52,12 +52,12 @@ def with_a_person(error: ReplayAborted, left: Left, after: ArmAfter | None, know
     """The same end; a person is asked where the next motion could not begin from where the arm stands."""
     if error.needs_a_person or after is None or after.state is None:
         return error
-    found = named_conditions(replace(known, state=after.state, left=left), NEAR)
+    found = named_conditions(replace(known, state=after.state, last=LastMotion(left=left)), NEAR)
     refused = next((each for each in found if not each.holds), None)
     if refused is None:
         return error
     why = IN_VAIN(times=left.failed) if left.failed >= MOST_FAILED else NOT_BROUGHT_BACK(cause=error.cause)
-    return error.known(NOWHERE_TO_BEGIN(why=why, condition=refused.name, found=refused.reason or refused.text))
+    return error.known(NOWHERE_TO_BEGIN(why=why, condition=refused.name, found=refused.reason))
 
 
 def let_back(configuration: Configuration, store: Store) -> str:
@@ -73,7 +73,7 @@ def let_back(configuration: Configuration, store: Store) -> str:
     if before is None or before.path_digest != excitation.path_digest:
         before = Left(path_digest=excitation.path_digest, on_path=True)
     left = replace(before, on_path=True, free=True, failed=0, q=tuple(state.q.tolist()))
-    known = replace(condition_inputs(configuration, excitation, configuration.context), state=state, left=left)
+    known = replace(condition_inputs(configuration, excitation, configuration.context), state=state, last=LastMotion(left=left))
     if known.way_from(state).back_from_s is None:
         off_rad, _ = nearest_place(known.played, state.q)
         raise BadInput(

@@ -25,6 +25,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish import documents
 from monitor.publish.documents import made
 from monitor.publish.permit import PermitReply
+from monitor.reason import Reason, reason_of
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
@@ -148,7 +149,7 @@ def move(
                 settings,
                 context=context,
                 installation=configuration.installation,
-                last=LastMotion(stopped_before=_waiting_text(store), expected_serial=motion.expected_serial, left=before),
+                last=LastMotion(stopped_before=_waiting(store), expected_serial=motion.expected_serial, left=before),
                 basis=basis,
                 caller=dataclasses.replace(caller, met=motion.met, begin=motion.begin, on_progress=_named(caller.on_progress, slow=slowly)),
                 driver=chosen,
@@ -159,7 +160,7 @@ def move(
             ended, after = error, None
             with_us = settings.lent is None or error.borrowed  # else the program has its arm, and moves it
             if with_us and error.moved and error.cause in ReplayAborted.HARMLESS:
-                after = look(chosen, settings, clean=error.at_rest, should_stop=caller.should_stop)
+                after = look(chosen, settings, clean=error.at_rest, last_seen=error.last_seen, should_stop=caller.should_stop)
                 ended = judged_end(error, after)
             left = left_by(ended, after, played, before)
             if error.phase:
@@ -200,7 +201,7 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
     last = LastMotion()
     try:
         with Store.reader(configuration.state_directory) as store:
-            last = LastMotion(stopped_before=_waiting_text(store), expected_serial=store.motions.expected_serial(), left=left_in(store))
+            last = LastMotion(stopped_before=_waiting(store), expected_serial=store.motions.expected_serial(), left=left_in(store))
     except StoreError:
         if present(configuration.state_directory):
             raise  # a history that cannot be read is not an empty one
@@ -216,10 +217,10 @@ def check_conditions(configuration: Configuration, *, ask: AskAnswer | None = No
     )
 
 
-def _waiting_text(store: Store) -> str | None:
-    """What waits for a person, as a sentence: the newest stop, or a motion whose end nobody knows."""
-    texts = [stop.text for stop in store.stops.waiting()] + [motion.end_unknown.text for motion in store.motions.left_over()]
-    return texts[-1] if texts else None
+def _waiting(store: Store) -> Reason | None:
+    """What waits for a person: the newest stop, or a motion whose end nobody knows."""
+    found = [stop.said for stop in store.stops.waiting()] + [motion.end_unknown for motion in store.motions.left_over()]
+    return found[-1] if found else None
 
 
 def _named(on_progress: Callable[[ReplayProgress], None] | None, *, slow: bool) -> Callable[[ReplayProgress], None] | None:
@@ -234,7 +235,7 @@ def permit_by(ask: AskAnswer) -> AskPermit:
 
     def asking(about: Mapping[str, Any], timeout_s: float) -> Permit | None:
         answer = ask(made(documents.Permit, about), timeout_s)
-        return None if answer is None else Permit(answer.allowed, answer.text)
+        return None if answer is None else Permit(answer.allowed, reason_of(answer.text))
 
     return asking
 
@@ -253,7 +254,8 @@ NODE = "node"  # the phase in which a replay waits for the program's node
 
 def progress_log(monotonic: Callable[[], float] = time.monotonic) -> Callable[[ReplayProgress], None]:
     """Logs where a replay is, a line every EVERY_S, e.g. `slow first pass, 40 s of 52`."""
-    logged_at, passed_by = monotonic(), ""
+    logged_at = monotonic()
+    passed_by: Reason | None = None
 
     def show(at: ReplayProgress) -> None:
         nonlocal logged_at, passed_by

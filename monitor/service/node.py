@@ -22,7 +22,7 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.acquire.settings import HandOver
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, MonitorError
-from monitor.reason import Sentence
+from monitor.reason import Reason, Sentence
 from monitor.service.problems import Problems
 
 FILE = "hand-over-node.json"
@@ -185,53 +185,79 @@ def own_address(host: str) -> str | None:
     return None
 
 
+NO_ROUTE = Sentence("node_no_route", "no route leads to {host}: the program's node cannot reach this host")
+LISTENS_ELSEWHERE = Sentence(
+    "node_listens_elsewhere", "the controller reaches this host as {address}, the server listens on {bind} alone (replay.hand_over_listen)"
+)
+AT = "External Control at {address}, port {port}"
+NOBODY_ANSWERS = Sentence(
+    "node_nobody_answers",
+    AT + ": nothing answers: while the daemon does not run, a program that is played stops at the node with a popup",
+)
+GETS_TEXT = Sentence("node_gets_text", AT + ": a node gets text {number}, {lines} lines")
+GETS_NO_TEXT = Sentence(
+    "node_gets_no_text", AT + ": the daemon does not know this controller yet: a node does nothing until the program is played again"
+)
+ANOTHER_SERVER = Sentence(
+    "node_another_server",
+    AT + ": another program answers; end it, or name another port (replay.hand_over_listen) here and in the node",
+)
+SCRIPT_BEGINS_WITH = Sentence("script_begins_with", "the file of the program's Script node must begin with {mark}{number} ({made})")
+MADE_FOR, MADE_FOR_UNKNOWN = (
+    Sentence("script_made_for", "made for software {software}"),
+    Sentence("script_made_for_unknown", "made for a controller that says no software"),
+)
+SCRIPT_NOT_KNOWN = Sentence(
+    "script_not_known", "which text the program's Script node needs is not known yet: joint-monitor script-node writes it"
+)
+PLAY_AGAIN = Sentence("node_play_again", "stop it and play it again")
+COPY_AGAIN = Sentence("node_copy_again", "write the file again, copy it to the controller, and play the program again")
+TEXT_NOT_SAID = Sentence("node_text_not_said", "{needs}; what the program has: the controller does not say it")
+NOT_REACHED = Sentence("node_not_reached", "{needs}; what the program has: no node was reached yet")
+HAS_IT = Sentence("node_has_text", "{needs}; the program that was played last has it, its nodes were reached {times} times")
+HAS_ANOTHER = Sentence(
+    "node_has_another_text",
+    "{needs}; THE PROGRAM THAT WAS PLAYED LAST HAS ANOTHER TEXT: {remedy} (its nodes were reached {times} times)",
+)
+
+
 def _served(configuration: Configuration, lent: HandOver) -> ConditionResult:
     address = own_address(configuration.robot.host)
     if address is None:
-        text = f"no route leads to {configuration.robot.host}: the program's node cannot reach this host"
-        return ConditionResult(name=NAME, holds=False, text=text)
+        return ConditionResult(name=NAME, holds=False, reason=NO_ROUTE(host=configuration.robot.host))
     if ip_address(address).is_loopback and ip_address(lent.bind).is_loopback:
         address = lent.bind  # a simulated controller, on this host, reaches every such address
     if lent.bind not in {EVERYWHERE, address}:
-        text = f"the controller reaches this host as {address}, the server listens on {lent.bind} alone (replay.hand_over_listen)"
-        return ConditionResult(name=NAME, holds=False, text=text)
-    where = f"External Control at {address}, port {lent.port}"
+        return ConditionResult(name=NAME, holds=False, reason=LISTENS_ELSEWHERE(address=address, bind=lent.bind))
+    at = {"address": address, "port": lent.port}
     answer = configuration.driver.node_answer(address, lent.port)
     if answer is None:
-        text = f"{where}: nothing answers: while the daemon does not run, a program that is played stops at the node with a popup"
-        return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+        return ConditionResult(name=NAME, holds=True, reason=NOBODY_ANSWERS(**at), checked=False)
     number = number_of(answer)
     if number is not None:
-        told = f"{where}: a node gets text {number}, {answer.count(chr(10))} lines"
-        return _compared(configuration, number, told, "stop it and play it again")
+        return _compared(configuration, number, GETS_TEXT(**at, number=number, lines=answer.count("\n")), PLAY_AGAIN())
     if answer == NO_TEXT:
-        text = f"{where}: the daemon does not know this controller yet: a node does nothing until the program is played again"
-        return ConditionResult(name=NAME, holds=True, text=text, checked=False)
-    text = f"{where}: another program answers; end it, or name another port (replay.hand_over_listen) here and in the node"
-    return ConditionResult(name=NAME, holds=False, text=text)
+        return ConditionResult(name=NAME, holds=True, reason=GETS_NO_TEXT(**at), checked=False)
+    return ConditionResult(name=NAME, holds=False, reason=ANOTHER_SERVER(**at))
 
 
 def _on_the_controller(configuration: Configuration) -> ConditionResult:
     node = kept(configuration.state_directory, configuration.driver)
-    if node is not None:
-        made = f"made for software {node.software}" if node.software else "made for a controller that says no software"
-        told = f"the file of the program's Script node must begin with {MARK}{node.number} ({made})"
-        return _compared(configuration, node.number, told, "write the file again, copy it to the controller, and play the program again")
-    text = "which text the program's Script node needs is not known yet: joint-monitor script-node writes it"
-    return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+    if node is None:
+        return ConditionResult(name=NAME, holds=True, reason=SCRIPT_NOT_KNOWN(), checked=False)
+    made = MADE_FOR(software=node.software) if node.software else MADE_FOR_UNKNOWN()
+    return _compared(configuration, node.number, SCRIPT_BEGINS_WITH(mark=MARK, number=node.number, made=made), COPY_AGAIN())
 
 
-def _compared(configuration: Configuration, number: str, told: str, remedy: str) -> ConditionResult:
+def _compared(configuration: Configuration, number: str, needs: Reason, remedy: Reason) -> ConditionResult:
     """The text of today against what the node of the program that was played last says of its own.
 
     Another one does not speak against running the service: its arm is not taken, or taken as ever, and the program works.
     """
     says = configuration.driver.node_says(configuration.robot.host)
     if says is None or not says.reached:
-        why = "the controller does not say it" if says is None else "no node was reached yet"
-        return ConditionResult(name=NAME, holds=True, text=f"{told}; what the program has: {why}", checked=False)
-    reached = f"its nodes were reached {says.reached} times"
+        unknown = TEXT_NOT_SAID if says is None else NOT_REACHED
+        return ConditionResult(name=NAME, holds=True, reason=unknown(needs=needs), checked=False)
     if says.version == version_of(number):
-        return ConditionResult(name=NAME, holds=True, text=f"{told}; the program that was played last has it, {reached}")
-    text = f"{told}; THE PROGRAM THAT WAS PLAYED LAST HAS ANOTHER TEXT: {remedy} ({reached})"
-    return ConditionResult(name=NAME, holds=True, text=text, checked=False)
+        return ConditionResult(name=NAME, holds=True, reason=HAS_IT(needs=needs, times=says.reached))
+    return ConditionResult(name=NAME, holds=True, reason=HAS_ANOTHER(needs=needs, remedy=remedy, times=says.reached), checked=False)

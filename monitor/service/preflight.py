@@ -6,13 +6,15 @@ import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
+from monitor.acquire.ending import AND_THEN
 from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason, Sentence
 from monitor.service.node import node_conditions
 from monitor.store.archive.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
@@ -20,6 +22,40 @@ from monitor.store.history.database import version_of
 from monitor.store.store import Store
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
+RESTORES = "the next `joint-monitor run` restores"
+BEGIN_ANEW = "or begin a new history with another [store] directory"
+CONFIGURATION_RIGHT = Sentence("configuration_right", "{path} is right")
+OVERRIDDEN = Sentence("configuration_overridden", "the environment stands in for it: {keys}")
+FLEET_PRIOR = Sentence("fleet_prior", "joints begin with the prior of a fleet of {arms} {model} ({digest})")
+CANNOT_BE_MADE = Sentence("history_cannot_be_made", "{folder}: cannot be made: {parent} cannot be written to")
+NOTHING_YET = Sentence("history_not_begun", "{folder}: nothing yet; the first run makes it")
+HISTORY_LOST = Sentence("history_lost", "{path}: {why}; " + RESTORES + " what can be")
+DAMAGED = Sentence("history_file_damaged", "{path}: damaged ({why}); " + RESTORES + " the newest good backup")
+NOT_WRITABLE = Sentence("history_not_writable", "{path}: cannot be written by this user")
+MISFIT = Sentence("history_misfit", "{path}: {why}")
+NO_BACKUP, NEWEST_BACKUP = Sentence("no_backup_yet", "no backup yet"), Sentence("newest_backup", "the newest backup is of {at}")
+SOUND = Sentence("history_sound", "sound, {windows} windows")
+OF_ANOTHER_MODEL = Sentence(
+    "history_of_another_model",
+    "it is of a {model}, robot.model is {robot}: every replay would be rejected; set robot.model back, " + BEGIN_ANEW,
+)
+AT_ANOTHER_SPEED = Sentence(
+    "history_at_another_speed",
+    "its friction refers to {its_rad_s:g} rad/s, drift.reference_speed_rad_s is {speed_rad_s:g}: every replay would be rejected; "
+    "set it back to {its_rad_s:g}, " + BEGIN_ANEW,
+)
+FREE = Sentence("disk_free", "{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB")
+ARCHIVE_WAITS = Sentence("archive_waits", "{why}; recordings wait here until then, and replays go on")
+ARCHIVE_ANSWERS = Sentence("archive_answers", "{address} answers")
+ARCHIVE_HOLDS = Sentence("archive_holds", "{count} recordings are in it, {waiting} wait")
+CLOCK_TOO_EARLY = Sentence("clock_too_early", "{now}: before this program existed")
+CLOCK_BEHIND = Sentence("clock_behind_history", "{now}: the history knows of {known}; set the clock right")
+SYNCHRONISED = Sentence("clock_synchronised", "{now}, synchronised")
+NOT_SYNCHRONISED = Sentence("clock_not_synchronised", "{now}, not synchronised: drifting hours would shift the windows")
+SYNCHRONISED_UNKNOWN = Sentence("clock_synchronised_unknown", "{now}; whether it is synchronised, nobody here says")
+LOCK_NOT_TRIED = Sentence("socket_lock_not_tried", "it could not be tried: {why}")
+LOCK_WORKS = Sentence("socket_lock_works", "the kernel lets the process that moves the arm forbid itself new connections")
+LOCK_FAILS = Sentence("socket_lock_fails", "{why}: nothing moves without it; a systemd unit must permit the system call seccomp")
 BOUND_TO = "SELECT json_extract(belief, '$.robot'), json_extract(belief, '$.reference_speed_rad_s') FROM state"
 
 
@@ -38,12 +74,13 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
 
 
 def _configuration(configuration: Configuration) -> ConditionResult:
-    overrides = ", ".join(configuration.overrides)
-    text = f"{configuration.path} is right" + (f"; the environment stands in for it: {overrides}" if overrides else "")
     prior = configuration.assess.drift.prior
-    told = [] if prior is None else [f"joints begin with the prior of a fleet of {prior.arms} {prior.model} ({prior.digest})"]
-    text = "; ".join([text, *told])
-    return ConditionResult(name="configuration", holds=True, text=text)
+    found = CONFIGURATION_RIGHT(path=str(configuration.path))
+    if configuration.overrides:
+        found = AND_THEN(first=found, then=OVERRIDDEN(keys=configuration.overrides))
+    if prior is not None:
+        found = AND_THEN(first=found, then=FLEET_PRIOR(arms=prior.arms, model=prior.model, digest=prior.digest))
+    return ConditionResult(name="configuration", holds=True, reason=found)
 
 
 def _history(configuration: Configuration) -> ConditionResult:
@@ -52,14 +89,14 @@ def _history(configuration: Configuration) -> ConditionResult:
     try:
         is_there = present(directory)
     except StoreError as error:
-        return ConditionResult(name="history", holds=False, text=str(error))
+        return ConditionResult(name="history", holds=False, reason=error.reason)
     if not is_there and (wrong := lost(directory)) is None:
         parent = next(folder for folder in (directory, *directory.parents) if os.access(folder, os.F_OK))
         if not os.access(parent, os.W_OK):
-            return ConditionResult(name="history", holds=False, text=f"{directory}: cannot be made: {parent} cannot be written to")
-        return ConditionResult(name="history", holds=True, text=f"{directory}: nothing yet; the first run makes it")
+            return ConditionResult(name="history", holds=False, reason=CANNOT_BE_MADE(folder=str(directory), parent=str(parent)))
+        return ConditionResult(name="history", holds=True, reason=NOTHING_YET(folder=str(directory)))
     if not is_there:
-        return ConditionResult(name="history", holds=False, text=f"{path}: {wrong}; the next `joint-monitor run` restores what can be")
+        return ConditionResult(name="history", holds=False, reason=HISTORY_LOST(path=str(path), why=wrong))
     try:
         with closing(connected(path, "ro")) as connection:
             result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
@@ -67,33 +104,27 @@ def _history(configuration: Configuration) -> ConditionResult:
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
             bound = connection.execute(BOUND_TO).fetchone() if version else None
     except StoreError as error:
-        return ConditionResult(name="history", holds=False, text=str(error))
+        return ConditionResult(name="history", holds=False, reason=error.reason)
     except sqlite3.Error as error:
-        return ConditionResult(
-            name="history", holds=False, text=f"{path}: {error}; the next `joint-monitor run` restores the newest good backup"
-        )
+        return ConditionResult(name="history", holds=False, reason=DAMAGED(path=str(path), why=str(error)))
     if result != "ok":
-        return ConditionResult(
-            name="history", holds=False, text=f"{path}: damaged ({result}); the next run restores the newest good backup"
-        )
+        return ConditionResult(name="history", holds=False, reason=DAMAGED(path=str(path), why=result))
     if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
-        return ConditionResult(name="history", holds=False, text=f"{path}: cannot be written by this user")
+        return ConditionResult(name="history", holds=False, reason=NOT_WRITABLE(path=str(path)))
     if bound is not None and (why := misfit(configuration, *bound)) is not None:
-        return ConditionResult(name="history", holds=False, text=f"{path}: {why}")
+        return ConditionResult(name="history", holds=False, reason=MISFIT(path=str(path), why=why))
     newest = next(iter(backups(directory)), None)
-    backup = f"the newest backup is of {rfc3339(made_at_unix_s(newest))}" if newest else "no backup yet"
-    return ConditionResult(name="history", holds=True, text=f"sound, {rows} windows; {backup}")
+    backup = NO_BACKUP() if newest is None else NEWEST_BACKUP(at=rfc3339(made_at_unix_s(newest)))
+    return ConditionResult(name="history", holds=True, reason=AND_THEN(first=SOUND(windows=rows), then=backup))
 
 
-def misfit(configuration: Configuration, model: str | None, speed_rad_s: float | None) -> str | None:
+def misfit(configuration: Configuration, model: str | None, speed_rad_s: float | None) -> Reason | None:
     """Why a history of this model and reference speed cannot be continued with this configuration; None where it can."""
     robot, speed = configuration.robot_description.name, configuration.assess.drift.reference_speed_rad_s
-    other = "or begin a new history with another [store] directory"
     if model is not None and model != robot:
-        return f"it is of a {model}, robot.model is {robot}: every replay would be rejected; set robot.model back, {other}"
+        return OF_ANOTHER_MODEL(model=model, robot=robot)
     if speed_rad_s is not None and speed_rad_s != speed:
-        why = f"its friction refers to {speed_rad_s:g} rad/s, drift.reference_speed_rad_s is {speed:g}: every replay would be rejected"
-        return f"{why}; set it back to {speed_rad_s:g}, {other}"
+        return AT_ANOTHER_SPEED(its_rad_s=speed_rad_s, speed_rad_s=speed)
     return None
 
 
@@ -102,8 +133,7 @@ def _disk(configuration: Configuration) -> ConditionResult:
     folder = next(each for each in (directory, *directory.parents) if os.access(each, os.F_OK))
     free_mb = shutil.disk_usage(folder).free / 1e6
     least_mb = configuration.store.least_free_mb
-    text = f"{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB"
-    return ConditionResult(name="disk", holds=free_mb >= least_mb, text=text)
+    return ConditionResult(name="disk", holds=free_mb >= least_mb, reason=FREE(free_mb=free_mb, folder=str(folder), least_mb=least_mb))
 
 
 def _archive(configuration: Configuration) -> tuple[ConditionResult, ...]:
@@ -114,32 +144,24 @@ def _archive(configuration: Configuration) -> tuple[ConditionResult, ...]:
     try:
         Archive.open(settings).look()
     except StoreError as error:
-        return (ConditionResult(name="archive", holds=False, text=f"{error}; recordings wait here until then, and replays go on"),)
-    text = f"{settings.address} answers"
-    try:
+        return (ConditionResult(name="archive", holds=False, reason=ARCHIVE_WAITS(why=error.reason)),)
+    found = ARCHIVE_ANSWERS(address=settings.address)
+    with suppress(StoreError):  # the condition `history` says why
         if present(configuration.state_directory):
             with Store.reader(configuration.state_directory) as store:
-                text += f"; {store.archived.count()} recordings are in it, {store.archived.waits()[0]} wait"
-    except StoreError:
-        pass  # the condition `history` says why
-    return (ConditionResult(name="archive", holds=True, text=text),)
+                found = AND_THEN(first=found, then=ARCHIVE_HOLDS(count=store.archived.count(), waiting=store.archived.waits()[0]))
+    return (ConditionResult(name="archive", holds=True, reason=found),)
 
 
 def _clock(configuration: Configuration, now: float) -> ConditionResult:
     if now < BEFORE_THIS_PROGRAM_UNIX_S:
-        return ConditionResult(name="clock", holds=False, text=f"{rfc3339(now)}: before this program existed")
+        return ConditionResult(name="clock", holds=False, reason=CLOCK_TOO_EARLY(now=rfc3339(now)))
     newest = _newest(configuration.state_directory / HISTORY)
     if newest is not None and newest > now + 3600.0:
-        return ConditionResult(
-            name="clock", holds=False, text=f"{rfc3339(now)}: the history knows of {rfc3339(newest)}; set the clock right"
-        )
+        return ConditionResult(name="clock", holds=False, reason=CLOCK_BEHIND(now=rfc3339(now), known=rfc3339(newest)))
     synchronised = _synchronised()
-    if synchronised is None:
-        return ConditionResult(
-            name="clock", holds=True, text=f"{rfc3339(now)}; whether it is synchronised, nobody here says", checked=False
-        )
-    words = "synchronised" if synchronised else "not synchronised: drifting hours would shift the windows"
-    return ConditionResult(name="clock", holds=True, text=f"{rfc3339(now)}, {words}", checked=synchronised)
+    sentence = {True: SYNCHRONISED, False: NOT_SYNCHRONISED, None: SYNCHRONISED_UNKNOWN}[synchronised]
+    return ConditionResult(name="clock", holds=True, reason=sentence(now=rfc3339(now)), checked=synchronised is True)
 
 
 SOCKET_LOCK = "from monitor.acquire.driver import usual_driver; print(usual_driver().lock_sockets() or '')"
@@ -152,12 +174,11 @@ def _socket_lock(configuration: Configuration) -> ConditionResult:
     try:
         tried = subprocess.run([sys.executable, "-c", SOCKET_LOCK], capture_output=True, text=True, timeout=SOCKET_LOCK_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return ConditionResult(name=name, holds=True, text=f"it could not be tried: {error}", checked=False)
+        return ConditionResult(name=name, holds=True, reason=LOCK_NOT_TRIED(why=str(error)), checked=False)
     why = tried.stdout.strip() if tried.returncode == 0 else f"the process that tried ended with {tried.returncode}"
     if not why:
-        return ConditionResult(name=name, holds=True, text="the kernel lets the process that moves the arm forbid itself new connections")
-    text = f"{why}: nothing moves without it; a systemd unit must permit the system call seccomp"
-    return ConditionResult(name=name, holds=configuration.replay.allow_motion is not True, text=text)
+        return ConditionResult(name=name, holds=True, reason=LOCK_WORKS())
+    return ConditionResult(name=name, holds=configuration.replay.allow_motion is not True, reason=LOCK_FAILS(why=why))
 
 
 def _newest(path: Path) -> float | None:

@@ -17,7 +17,7 @@ from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.model.fourier import Excitation
 from monitor.publish.session import log_refusals
 from monitor.publish.timestamps import rfc3339
-from monitor.reason import reason_of
+from monitor.reason import Sentence
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Apart
 from monitor.service.daemon import Daemon
@@ -39,6 +39,7 @@ from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
 
+MOTION_NO_LONGER_ALLOWED = Sentence("motion_no_longer_allowed", "allow_motion is no longer true")
 DISK_WAIT_S = 5.0  # between two attempts to open a history whose disk is full or read-only
 
 
@@ -210,8 +211,8 @@ def _replay_over_rtde(
 
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)
-        if window is not None and at.passed_by:
-            window.passed_by(reason_of(at.passed_by))
+        if window is not None and at.passed_by is not None:
+            window.passed_by(at.passed_by)
 
     return move(
         daemon.state.configuration,
@@ -222,7 +223,7 @@ def _replay_over_rtde(
             announce=lambda about: daemon.publisher.replay_announced(number(), about),
             ask=permit_by(daemon.bus.ask_permit),
             should_stop=should_stop,
-            forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else "allow_motion is no longer true",
+            forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else MOTION_NO_LONGER_ALLOWED(),
             on_progress=on_progress,
         ),
         ledger_id=ledger_id,

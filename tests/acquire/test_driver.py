@@ -25,7 +25,7 @@ from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.acquire.watch import LAST_WORDS, Caller
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable, StoreUnavailable
 from monitor.model.robot import load_robot
-from monitor.reason import ANYTHING
+from monitor.reason import ANYTHING, reason_of
 from monitor.recording import Context
 
 pytestmark = pytest.mark.real_time
@@ -329,17 +329,21 @@ def test_motion_that_is_forbidden_while_the_arm_moves_stops_it():
     answers = iter([None] * 20)
     driver = ScriptedDriver(MovingSession())
     with pytest.raises(ReplayAborted, match="allow_motion is false now") as aborted:
-        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: next(answers, "allow_motion is false now")))
+        replay(
+            short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: next(answers, reason_of("allow_motion is false now")))
+        )
     assert aborted.value.cause == "motion_forbidden"
     assert driver.session.sent == ["go", "stop"]
     driver = ScriptedDriver(ScriptedSession(WAITING, [DONE]))
     with pytest.raises(ReplayAborted, match="before the arm moved") as aborted:
-        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: "allow_motion is false now"))
+        replay(short(), UR5, SETTINGS, driver=driver, caller=Caller(forbidden=lambda: reason_of("allow_motion is false now")))
     assert not aborted.value.moved
     assert driver.session.sent == []
 
 
-@pytest.mark.parametrize(("later", "text"), [(Permit(False, "the door is open"), "the door is open"), (None, "nobody has answered")])
+@pytest.mark.parametrize(
+    ("later", "text"), [(Permit(False, reason_of("the door is open")), "the door is open"), (None, "nobody has answered")]
+)
 def test_a_permit_is_asked_again_while_the_arm_moves(later, text, monkeypatch):
     """Its withdrawal stops the arm, and so does silence."""
     monkeypatch.setattr(oversight, "PERMIT_EVERY_S", 0.05)
@@ -348,7 +352,7 @@ def test_a_permit_is_asked_again_while_the_arm_moves(later, text, monkeypatch):
 
     def ask(about, timeout_s):
         asked.append(about)
-        return later if len(asked) > 3 else Permit(True, "yes")
+        return later if len(asked) > 3 else Permit(True, reason_of("yes"))
 
     driver = ScriptedDriver(MovingSession())
     with pytest.raises(ReplayAborted, match=text) as aborted:

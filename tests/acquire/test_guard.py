@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety.conditions import CONDITIONS, conditions
-from monitor.acquire.safety.inputs import ConditionInputs, Permit
+from monitor.acquire.safety.inputs import ConditionInputs, LastMotion, Permit
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity, JointLimits
@@ -22,7 +22,7 @@ from monitor.acquire.ur.driver import understood
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
 from monitor.model.robot import Mounting, load_robot
-from monitor.reason import reason_from
+from monitor.reason import reason_from, reason_of
 from monitor.recording import Context
 
 NOON = 1_767_614_400.0  # 2026-01-05 12:00 UTC
@@ -241,7 +241,7 @@ def test_every_condition_is_named_and_holds_for_an_arm_in_order():
         ({"settings": replace(SIMULATED, windows_utc=("13:00-14:00",))}, "time_window"),
         ({"excitation": short(robot="ur3")}, "trajectory"),
         ({"settings": replace(SIMULATED, cell=plain_cell(Mounting()))}, "trajectory_clear"),  # `short` was never proved
-        ({"stopped_before": "replay 7 ended by protective_stop"}, "previous_stop"),
+        ({"last": LastMotion(stopped_before=reason_of("replay 7 ended by protective_stop"))}, "previous_stop"),
         ({"identity": None}, "robot_model"),
         ({"identity": told("UR10", "1", "3.15", None)}, "robot_model"),
         ({"identity": told("UR5", "1", "5.11.0.108249", True)}, "robot_model"),  # a UR5e, whose name has no e either
@@ -251,7 +251,7 @@ def test_every_condition_is_named_and_holds_for_an_arm_in_order():
         ({"state": ready_state(runtime_state=2)}, "no_other_program"),
         ({"settings": replace(SIMULATED, permit="digital_input:3")}, "permit"),
         ({"settings": replace(SIMULATED, permit="zenoh")}, "permit"),
-        ({"settings": replace(SIMULATED, permit="zenoh"), "permit": Permit(False, "the press is open")}, "permit"),
+        ({"settings": replace(SIMULATED, permit="zenoh"), "permit": Permit(False, reason_of("the press is open"))}, "permit"),
     ],
 )
 def test_each_condition_can_fail_and_is_the_one_that_is_named(changes, name):
@@ -264,7 +264,9 @@ def test_each_condition_can_fail_and_is_the_one_that_is_named(changes, name):
 @pytest.mark.parametrize("given", [{"permit": "digital_input:3"}, {"permit": "zenoh"}])
 def test_a_permit_that_is_given_is_enough(given):
     """The digital input is on, or the program that was asked agrees."""
-    known = inputs(ready_state(digital_inputs=8.0), settings=replace(SIMULATED, **given), permit=Permit(True, "the press is parked"))
+    known = inputs(
+        ready_state(digital_inputs=8.0), settings=replace(SIMULATED, **given), permit=Permit(True, reason_of("the press is parked"))
+    )
     assert all(condition.holds for condition in conditions(known))
 
 

@@ -9,6 +9,7 @@ from learnt_arms import SHIPPED_NAMES, shipped
 from test_guard import inputs, ready_state
 
 from monitor.acquire.safety.conditions import named_conditions
+from monitor.acquire.safety.inputs import LastMotion
 from monitor.acquire.safety.way import JOIN_RAD, LEFT_RAD, Left, left_from_document, nearest_place, way
 from monitor.acquire.settings import ReplaySettings
 from monitor.model.robot import load_robot
@@ -86,7 +87,9 @@ def test_an_arm_is_not_brought_back_over_a_way_that_it_did_not_come(why):
     assert found.back_from_s is None
     as_left = why in {"a cause that is not harmless", "left beside the path"}
     assert np.allclose(found.home_q, HOME if as_left else q)
-    (near,) = named_conditions(inputs(ready_state(q=q, target_q=q), settings=SETTINGS, excitation=FAR, left=left), ("approach_near",))
+    (near,) = named_conditions(
+        inputs(ready_state(q=q, target_q=q), settings=SETTINGS, excitation=FAR, last=LastMotion(left=left)), ("approach_near",)
+    )
     assert not near.holds
     assert "jog the arm near the start" in near.text
     assert "allow --way-back" in near.text

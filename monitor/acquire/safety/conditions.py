@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from monitor.acquire.safety import of_configuration, of_controller, of_installation, of_state
-from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Unreported
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, LastMotion, Unreported
 from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import DOES_NOT_HOLD, MotionRefused
@@ -82,7 +82,7 @@ def refuse_unless(results: tuple[ConditionResult, ...]) -> None:
     """Raises MotionRefused with the first condition that does not hold: its name, and what was found as a reason."""
     for result in results:
         if not result.holds:
-            raise MotionRefused(DOES_NOT_HOLD(condition=result.name, why=result.reason or result.text))
+            raise MotionRefused(DOES_NOT_HOLD(condition=result.name, why=result.reason))
 
 
 def _result(condition: Condition, inputs: ConditionInputs) -> ConditionResult:
@@ -112,7 +112,7 @@ def inputs(
         identity=None,
         state=None,
         installation=installation or Installation(),
-        left=left,
+        last=LastMotion(left=left),
     )
 
 

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 from monitor.acquire.safety.way import Left, Way, way
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.acquire.state import ArmState, Identity
+from monitor.errors import MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
-from monitor.reason import Reason, reason_of
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Context
 
 
@@ -16,16 +17,20 @@ class Permit(NamedTuple):
     """What somebody else answered when asked whether the arm may move."""
 
     given: bool
-    reason: str | Reason
+    reason: Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LastMotion:
     """How the motion before this one ended, as the history knows it."""
 
-    stopped_before: str | None = None  # description of a stop that nobody has acknowledged
+    stopped_before: Reason | None = None  # a stop that nobody has acknowledged
     expected_serial: str | None = None  # of the arm that was moved; None: none was moved yet, or it says none
     left: Left | None = None  # how the arm was left; None: it was brought back
+
+
+CONTROLLER_UNKNOWN = Sentence("controller_unknown", "unknown: the controller does not answer")
+NO_DATA = Sentence("no_data", "unknown: no RTDE data")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,12 +44,24 @@ class ConditionInputs:
     now_unix_s: float
     identity: Identity | None  # None: the robot has not been asked, or does not answer
     state: ArmState | None  # None: no data has come from the robot
-    unreachable: str = ""  # why there is no identity, where the robot was asked for it
-    stopped_before: str | None = None  # description of a stop that nobody has acknowledged
-    expected_serial: str | None = None  # of the arm that was moved before; None: none was moved yet, or it says none
+    unreachable: Reason | None = None  # why there is no identity, where the robot was asked for it
+    last: LastMotion = LastMotion()
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked
     installation: Installation = field(default_factory=Installation)
-    left: Left | None = None  # how the last motion left the arm; None: it brought it back
+
+    @property
+    def controller(self) -> Identity:
+        """Who the controller is. Raises MotionRefused where it is not known."""
+        if self.identity is None:
+            raise MotionRefused(CONTROLLER_UNKNOWN())
+        return self.identity
+
+    @property
+    def arm(self) -> ArmState:
+        """The arm's state. Raises MotionRefused where it is not known."""
+        if self.state is None:
+            raise MotionRefused(NO_DATA())
+        return self.state
 
     @property
     def played(self) -> Excitation:
@@ -57,7 +74,7 @@ class ConditionInputs:
 
     def way_from_position(self, q: Array) -> Way:
         """The ways to the start and back for an arm that stands at q (J,)."""
-        return way(self.excitation, self.robot, q, self.left, max_approach_rad=self.settings.max_approach_rad)
+        return way(self.excitation, self.robot, q, self.last.left, max_approach_rad=self.settings.max_approach_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,18 +83,17 @@ class ConditionResult:
 
     name: str
     holds: bool
-    text: str = ""  # in English; that of `reason` where there is one
-    reason: Reason | None = None
+    reason: Reason
     checked: bool = True
 
-    def __post_init__(self) -> None:
-        """The English of the reason."""
-        if self.reason is not None:
-            object.__setattr__(self, "text", self.reason.text)
+    @property
+    def text(self) -> str:
+        """What was found, in English."""
+        return self.reason.text
 
     def document(self) -> dict[str, Any]:
         """As JSON."""
-        return {"name": self.name, "holds": self.holds, "checked": self.checked, **reason_of(self.reason or self.text).document()}
+        return {"name": self.name, "holds": self.holds, "checked": self.checked, **self.reason.document()}
 
     @property
     def status(self) -> str:

@@ -256,6 +256,6 @@ NO_STOP_WAITS = Sentence("no_stop_waits", "no stop is waiting for a person")
 
 def previous_stop(inputs: ConditionInputs) -> Reason:
     """A person has acknowledged every earlier stop that a person must check."""
-    if inputs.stopped_before is not None:
-        raise MotionRefused(STOP_WAITS(stop=inputs.stopped_before))
+    if inputs.last.stopped_before is not None:
+        raise MotionRefused(STOP_WAITS(stop=inputs.last.stopped_before))
     return NO_STOP_WAITS()

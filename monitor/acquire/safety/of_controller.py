@@ -4,21 +4,10 @@ import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.of_configuration import CHECK_RATE_HZ
-from monitor.acquire.state import Identity
 from monitor.errors import MotionRefused
 from monitor.reason import Reason, Sentence
 
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
-
-
-CONTROLLER_UNKNOWN = Sentence("controller_unknown", "unknown: the controller does not answer")
-
-
-def _identity(inputs: ConditionInputs) -> Identity:
-    """Who the controller is, which must be known."""
-    if inputs.identity is None:
-        raise MotionRefused(CONTROLLER_UNKNOWN())
-    return inputs.identity
 
 
 CONTEXT_OF_ANOTHER_ARM = Sentence("context_of_another_arm", "the context is of a {context_arm}, the arm is a {arm}")
@@ -34,9 +23,9 @@ MODEL_AND_SOFTWARE = Sentence("model_and_software", "{model}, software {firmware
 
 def robot_model(inputs: ConditionInputs) -> Reason:
     """The controller is of the configured model."""
-    if inputs.identity is None and inputs.unreachable:
+    if inputs.identity is None and inputs.unreachable is not None:
         raise MotionRefused(inputs.unreachable)
-    identity = _identity(inputs)
+    identity = inputs.controller
     if inputs.context.robot is not None and inputs.context.robot != inputs.robot.name:
         raise MotionRefused(CONTEXT_OF_ANOTHER_ARM(context_arm=inputs.context.robot, arm=inputs.robot.name))
     if identity.model is None:
@@ -68,7 +57,7 @@ SOFTWARE_UNTESTED = Sentence(
 
 def software(inputs: ConditionInputs) -> Reason:
     """The controller's software is one that can be driven, and with which replays are tested."""
-    identity = _identity(inputs)
+    identity = inputs.controller
     firmware, known = identity.firmware, identity.software
     if not known.drivable:
         raise MotionRefused(SOFTWARE_NOT_DRIVABLE(firmware=firmware, why=known.reason, expected=known.expected))
@@ -96,7 +85,7 @@ WITHIN_JOINT_LIMITS = Sentence("within_joint_limits", "the trajectory is within 
 
 def joint_limits(inputs: ConditionInputs) -> Reason:
     """The trajectory keeps the joint limits of the controller's installation, where it reports them."""
-    limits, state = _identity(inputs).joint_limits, inputs.state
+    limits, state = inputs.controller.joint_limits, inputs.state
     if limits is None:
         raise Unreported(JOINT_LIMITS_NOT_REPORTED())
     played = inputs.played
@@ -130,7 +119,7 @@ SERIAL_AS_BEFORE = Sentence("serial_as_before", "{serial}, the arm that was move
 
 def serial(inputs: ConditionInputs) -> Reason:
     """The controller has the configured serial number, or else that of the arm that was moved before."""
-    identity, configured, before = _identity(inputs), inputs.context.serial, inputs.expected_serial
+    identity, configured, before = inputs.controller, inputs.context.serial, inputs.last.expected_serial
     if identity.serial is None and configured is None and before is not None:
         raise MotionRefused(SERIAL_NOT_REPORTED_AGAIN(expected=before))
     if identity.serial is None and configured is not None:
@@ -160,7 +149,7 @@ REMOTE_CONTROL_ON = Sentence("remote_control_on", "on")
 
 def remote_control(inputs: ConditionInputs) -> Reason:
     """The controller takes commands over the network, so nobody else starts a program at its pendant; for a lent arm it need not."""
-    identity = _identity(inputs)
+    identity = inputs.controller
     if identity.automatic is False:
         raise MotionRefused(MANUAL_MODE())
     if inputs.settings.lent is not None and identity.remote_control is False:

@@ -112,7 +112,6 @@ def safety_planes(inputs: ConditionInputs) -> Reason:
     return CLEAR_OF_SAFETY_PLANES(planes=len(planes), left_mm=1000.0 * nearest)
 
 
-NO_DATA = Sentence("no_data", "unknown: no RTDE data")
 PAYLOAD_COG_NOT_REPORTED = Sentence(
     "payload_cog_not_reported", "not reported: a payload whose centre is elsewhere would be taken for friction"
 )
@@ -127,9 +126,7 @@ PAYLOAD_COG_AS_CONFIGURED = Sentence("payload_cog_as_configured", "{cog_m} m, as
 
 def payload_cog(inputs: ConditionInputs) -> Reason:
     """The controller reckons with the configured centre of gravity of the payload."""
-    expected, state = inputs.installation.payload_cog_m, inputs.state
-    if state is None:
-        raise MotionRefused(NO_DATA())
+    expected, state = inputs.installation.payload_cog_m, inputs.arm
     if not _reported(state.payload_cog_m):
         raise Unreported(PAYLOAD_COG_NOT_REPORTED())
     reported = ", ".join(f"{value:.3f}" for value in state.payload_cog_m)
@@ -159,9 +156,7 @@ TCP_AS_CONFIGURED = Sentence("tcp_as_configured", "{tcp}, as configured")
 
 def tcp_offset(inputs: ConditionInputs) -> Reason:
     """The controller's tool centre point is the configured one. It follows from the TCP pose and the flange's, by forward kinematics."""
-    expected, state = inputs.installation.tcp_offset, inputs.state
-    if state is None:
-        raise MotionRefused(NO_DATA())
+    expected, state = inputs.installation.tcp_offset, inputs.arm
     if not _reported(state.tcp_pose):
         raise Unreported(TCP_NOT_REPORTED())
     if not np.all(np.isfinite([*state.q, *state.tcp_pose])):

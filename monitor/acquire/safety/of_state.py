@@ -7,25 +7,22 @@ import numpy as np
 
 from monitor.acquire.safety.inputs import ConditionInputs, Unreported
 from monitor.acquire.safety.of_configuration import clear_line
-from monitor.acquire.state import FULL_SPEED, RUNTIME_PLAYING, RUNTIME_STOPPED, STANDSTILL_RAD_S, TEACH_BUTTON_HELD, ArmState, program_name
+from monitor.acquire.state import FULL_SPEED, NOT_FINITE, RUNTIME_PLAYING, RUNTIME_STOPPED, STANDSTILL_RAD_S, program_name
 from monitor.design.clearance import frames
 from monitor.errors import MotionRefused
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Mounting, Robot
-from monitor.reason import Reason, Sentence, reason_of
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array
 
 HOLD_ERROR_RAD = 0.05  # an arm that holds its pose has its target within this of its position
 ACCELEROMETER_ERROR_M_S2 = 1.5  # a real arm's reads 9.28 at rest; a larger difference means a fault, or an arm that is not at rest
 
 
-NO_DATA = Sentence("no_data", "unknown: no RTDE data")
-
-
-def _state(inputs: ConditionInputs) -> ArmState:
-    """The state, which must be known."""
-    if inputs.state is None:
-        raise MotionRefused(NO_DATA())
-    return inputs.state
+def _unless(wrong: Reason | None, found: Reason) -> Reason:
+    """What was found. Raises MotionRefused where something is wrong."""
+    if wrong is not None:
+        raise MotionRefused(wrong)
+    return found
 
 
 SAFETY_IS_NORMAL = Sentence("safety_mode_normal", "normal")
@@ -33,9 +30,7 @@ SAFETY_IS_NORMAL = Sentence("safety_mode_normal", "normal")
 
 def safety_mode(inputs: ConditionInputs) -> Reason:
     """The safety system is in its normal mode, without any stop or fault."""
-    if (why := _state(inputs).not_safe) is not None:
-        raise MotionRefused(why)
-    return SAFETY_IS_NORMAL()
+    return _unless(inputs.arm.not_safe, SAFETY_IS_NORMAL())
 
 
 ROBOT_RUNS = Sentence("robot_mode_running", "running")
@@ -43,9 +38,7 @@ ROBOT_RUNS = Sentence("robot_mode_running", "running")
 
 def robot_mode(inputs: ConditionInputs) -> Reason:
     """The robot is powered on and running."""
-    if (why := _state(inputs).not_running) is not None:
-        raise MotionRefused(why)
-    return ROBOT_RUNS()
+    return _unless(inputs.arm.not_running, ROBOT_RUNS())
 
 
 PROGRAM_DOES_NOT_PLAY = Sentence(
@@ -60,7 +53,7 @@ NO_PROGRAM = Sentence("no_program", "no program runs")
 
 def no_other_program(inputs: ConditionInputs) -> Reason:
     """No program runs on the controller: it would be stopped by ours. A program that lends the arm must play: it alone can offer it."""
-    runtime = _state(inputs).runtime_state
+    runtime = inputs.arm.runtime_state
     if inputs.settings.lent is not None:
         if runtime != RUNTIME_PLAYING:
             raise MotionRefused(PROGRAM_DOES_NOT_PLAY(name=program_name(runtime), runtime=runtime))
@@ -70,15 +63,14 @@ def no_other_program(inputs: ConditionInputs) -> Reason:
     return NO_PROGRAM()
 
 
-VALUES_NOT_FINITE = Sentence("values_not_finite", "the controller reports values that are not finite")
 VALUES_FINITE = Sentence("values_finite", "positions, speeds and temperatures are finite")
 
 
 def finite(inputs: ConditionInputs) -> Reason:
     """Positions, speeds and temperatures are numbers."""
-    state = _state(inputs)
+    state = inputs.arm
     if not all(np.all(np.isfinite(part)) for part in (state.q, state.qd, state.target_q, state.target_qd, state.temperature_c)):
-        raise MotionRefused(VALUES_NOT_FINITE())
+        raise MotionRefused(NOT_FINITE())
     return VALUES_FINITE()
 
 
@@ -89,7 +81,7 @@ ARM_AT_REST = Sentence("arm_at_rest", "at rest, every joint within {error_mrad:.
 
 def stationary(inputs: ConditionInputs) -> Reason:
     """The arm is at rest, and every joint is near the controller's own target."""
-    state = _state(inputs)
+    state = inputs.arm
     speed = np.maximum(np.abs(state.qd), np.abs(state.target_qd))  # (J,)
     j = int(np.argmax(speed))
     if not speed[j] <= STANDSTILL_RAD_S:
@@ -103,23 +95,17 @@ def stationary(inputs: ConditionInputs) -> Reason:
 
 SLIDER_NOT_REPORTED = Sentence("slider_not_reported", "the slider is not reported: one below 100 % ends the replay before the arm moves")
 SPEED_SCALING_WRONG = Sentence("speed_scaling_wrong", "the controller's speed scaling is {share:g}; expected a share of 0 to 1")
-SLIDER_LOW = Sentence(
-    "slider_low", "the speed slider is at {share_percent:.0f} %; expected 100 %: at less the arm plays another trajectory"
-)
 SLIDER_FULL = Sentence("slider_full", "100 %")
 
 
 def speed_scaling(inputs: ConditionInputs) -> Reason:
     """The operator's slider stands at 100 %. The trajectory limiter says nothing while no program plays: a real arm's stands at 0 then."""
-    state = _state(inputs)
+    state = inputs.arm
     if math.isnan(state.speed_fraction):
         raise Unreported(SLIDER_NOT_REPORTED())
     if not (math.isnan(state.speed_scaling) or 0.0 <= state.speed_scaling <= 2.0 - FULL_SPEED):
         raise MotionRefused(SPEED_SCALING_WRONG(share=state.speed_scaling))
-    if not state.slider_full:
-        share = 100.0 * state.speed_fraction
-        raise MotionRefused(SLIDER_LOW(share_percent=share))
-    return SLIDER_FULL()
+    return _unless(state.slider_low, SLIDER_FULL())
 
 
 JOINT_MODES_NOT_REPORTED = Sentence("joint_modes_not_reported", "not reported: a joint with a closed brake shows as a following error")
@@ -128,13 +114,11 @@ JOINTS_RUNNING = Sentence("joints_running", "every drive is on, every brake is r
 
 def joints_running(inputs: ConditionInputs) -> Reason:
     """Every joint's drive is on and its brake is released."""
-    state = _state(inputs)
+    state = inputs.arm
     if not state.joint_modes or all(math.isnan(mode) for mode in state.joint_modes):
         raise Unreported(JOINT_MODES_NOT_REPORTED())
     told = replace(state, joint_modes=tuple(math.inf if math.isnan(mode) else mode for mode in state.joint_modes))
-    if (why := told.joint_not_running) is not None:  # where some are reported, one that is not does not run
-        raise MotionRefused(why)
-    return JOINTS_RUNNING()
+    return _unless(told.joint_not_running, JOINTS_RUNNING())  # where some are reported, one that is not does not run
 
 
 TEACH_BUTTON_NOT_REPORTED = Sentence("teach_button_not_reported", "not reported: somebody who holds the freedrive button is not noticed")
@@ -143,33 +127,26 @@ TEACH_BUTTON_FREE = Sentence("teach_button_free", "nobody holds the freedrive bu
 
 def teach_button(inputs: ConditionInputs) -> Reason:
     """Nobody holds the freedrive button."""
-    state = _state(inputs)
+    state = inputs.arm
     if math.isnan(state.status_bits):
         raise Unreported(TEACH_BUTTON_NOT_REPORTED())
-    if state.teach_button_held:
-        raise MotionRefused(TEACH_BUTTON_HELD())
-    return TEACH_BUTTON_FREE()
+    return _unless(state.teach_button, TEACH_BUTTON_FREE())
 
 
 PAYLOAD_NOT_REPORTED = Sentence("payload_not_reported", "not reported: a payload that nobody told the monitor would be taken for friction")
 PAYLOAD_NOT_CONFIGURED = Sentence("payload_not_configured", "the controller reckons with {payload_kg:.3f} kg, the configuration names none")
-ANOTHER_PAYLOAD = Sentence(
-    "another_payload",
-    "the controller reckons with {payload_kg:.3f} kg, the configuration says {configured_kg:.3f} kg; at most {limit_kg:g} kg apart",
-)
 PAYLOAD_AS_CONFIGURED = Sentence("payload_as_configured", "{payload_kg:.3f} kg, as configured")
 
 
 def payload(inputs: ConditionInputs) -> Reason:
     """The controller reckons with the configured payload."""
-    payload, expected = _state(inputs).payload_kg, inputs.context.payload_kg
+    state, expected = inputs.arm, inputs.context.payload_kg
+    payload = state.payload_kg
     if math.isnan(payload):
         raise Unreported(PAYLOAD_NOT_REPORTED())
     if expected is None:
         raise Unreported(PAYLOAD_NOT_CONFIGURED(payload_kg=payload))
-    if not abs(payload - expected) <= inputs.settings.max_payload_error_kg:
-        raise MotionRefused(ANOTHER_PAYLOAD(payload_kg=payload, configured_kg=expected, limit_kg=inputs.settings.max_payload_error_kg))
-    return PAYLOAD_AS_CONFIGURED(payload_kg=payload)
+    return _unless(state.other_payload(expected, inputs.settings.max_payload_error_kg), PAYLOAD_AS_CONFIGURED(payload_kg=payload))
 
 
 MOUNTING_NOT_REPORTED = Sentence(
@@ -187,7 +164,7 @@ MOUNTING_AS_CONFIGURED = Sentence("mounting_as_configured", "{angle_deg:.1f}° f
 
 def gravity(inputs: ConditionInputs) -> Reason:
     """The tool's accelerometer agrees with the configured mounting."""
-    state, expected = _state(inputs), inputs.context.mounting_rad
+    state, expected = inputs.arm, inputs.context.mounting_rad
     mounting = inputs.excitation.mounting if expected is None else Mounting.of(expected)
     measured = np.array(state.accelerometer_m_s2)
     if np.all(np.isnan(measured)) or not np.any(measured):
@@ -228,7 +205,7 @@ FARTHEST_JOINT = Sentence("farthest_joint", "{joint:joint} has farthest to go: {
 
 def approach_near(inputs: ConditionInputs) -> Reason:
     """The start of the trajectory is near enough to where the arm stands, or the arm stands on it, where our last motion left it."""
-    state, settings = _state(inputs), inputs.settings
+    state, settings = inputs.arm, inputs.settings
     way = inputs.way_from(state)
     if way.back_from_s is not None:
         return BROUGHT_BACK(off_path_rad=way.off_path_rad, duration_s=way.to_start(settings).duration_s)
@@ -247,7 +224,7 @@ WAY_CLEAR = Sentence("way_clear", "the straight way to the start keeps {gap_mm:.
 
 def approach_clear(inputs: ConditionInputs) -> Reason:
     """The straight ways in joint space to the start, and from it to where the arm will rest, keep clear of the cell."""
-    state, cell = _state(inputs), inputs.settings.cell
+    state, cell = inputs.arm, inputs.settings.cell
     if cell is None:
         raise Unreported(WAY_UNCHECKED())
     if not np.all(np.isfinite(state.target_q)):
@@ -259,18 +236,14 @@ def approach_clear(inputs: ConditionInputs) -> Reason:
     return WAY_CLEAR(gap_mm=min(gaps))
 
 
-TEMPERATURE_OUTSIDE = Sentence("temperature_outside", "{joint:joint} is at {temperature_c:.1f} °C; allowed are {low_c:g} to {high_c:g} °C")
 TEMPERATURES_WITHIN = Sentence("temperatures_within", "{low_c:.0f} to {high_c:.0f} °C")
 
 
 def temperatures(inputs: ConditionInputs) -> Reason:
     """Every joint is within the allowed range of temperature."""
-    state = _state(inputs)
-    coldest, hottest = inputs.settings.joint_temperature_range_c
-    outside = np.flatnonzero(~((state.temperature_c >= coldest) & (state.temperature_c <= hottest)))
-    if outside.size:
-        j = int(outside[0])
-        raise MotionRefused(TEMPERATURE_OUTSIDE(joint=j + 1, temperature_c=state.temperature_c[j], low_c=coldest, high_c=hottest))
+    state = inputs.arm
+    if (why := state.temperature_outside(inputs.settings.joint_temperature_range_c)) is not None:
+        raise MotionRefused(why)
     return TEMPERATURES_WITHIN(low_c=np.min(state.temperature_c), high_c=np.max(state.temperature_c))
 
 
@@ -287,7 +260,7 @@ def permit(inputs: ConditionInputs) -> Reason:
     if inputs.settings.permit == "none":
         return NO_PERMIT_WANTED()
     if number is not None:
-        bits = _state(inputs).digital_inputs
+        bits = inputs.arm.digital_inputs
         if not math.isfinite(bits):
             raise MotionRefused(INPUT_NOT_REPORTED(input=number))
         if not int(bits) >> number & 1:
@@ -297,4 +270,4 @@ def permit(inputs: ConditionInputs) -> Reason:
         raise MotionRefused(PERMIT_NOT_ASKED())
     if not inputs.permit.given:
         raise MotionRefused(inputs.permit.reason)
-    return reason_of(inputs.permit.reason)
+    return inputs.permit.reason

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from monitor.acquire.safety.inputs import Permit
 from monitor.errors import RobotUnreachable
-from monitor.reason import Reason, Sentence, reason_of
+from monitor.reason import Reason, Sentence
 
 CONTROL_EVERY_S = 0.2  # between two questions whether remote control is on: the arm stands within 1 s of its loss
 CONTROL_SILENCE_S = 2.0  # a dashboard that was closed and opened again answers within that time
@@ -123,7 +123,7 @@ def permit_kept(ask: Callable[[float], Permit | None]) -> Question:
         while not over.wait(PERMIT_EVERY_S):
             answer = ask(PERMIT_ANSWER_S)
             if answer is not None and not answer.given:
-                return Interruption("permit_withdrawn", reason_of(answer.reason))
+                return Interruption("permit_withdrawn", answer.reason)
             if answer is not None:
                 heard_at = time.monotonic()
             elif (silent_s := time.monotonic() - heard_at) > PERMIT_SILENCE_S:

@@ -118,6 +118,11 @@ class Arm:
         self.missed = self.torn = 0  # ticks without a target; rows that were read again
         self.slipped_s = 0.0  # delay of the motion behind its plan
 
+    @property
+    def last_seen(self) -> tuple[float, float]:
+        """When the last row was read, by this host's monotonic clock and by the controller's."""
+        return self.seen_at, self._timestamp_s
+
     def note_busy(self) -> None:
         """Note that this process was busy with something else: the age of the last row says nothing about the controller."""
         self.seen_at = self._checked_at = time.monotonic()

@@ -6,7 +6,7 @@ from collections import deque
 import numpy as np
 
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import RUNTIME_PLAYING, TEACH_BUTTON_HELD, ArmState, program_name
+from monitor.acquire.state import RUNTIME_PLAYING, ArmState, program_name
 from monitor.reason import Reason, Sentence, reason_of
 from monitor.recording import Array
 
@@ -31,11 +31,6 @@ class Stopped(Exception):
 
 
 PROGRAM_LEFT = Sentence("program_left", "the control program is {name:word} (runtime state {runtime_state})")
-POSITIONS_NOT_FINITE_NOW = Sentence("positions_not_finite_now", "the controller reports positions that are not finite")
-PAYLOAD_CHANGED = Sentence(
-    "payload_changed", "the controller reckons with {payload_kg:.3f} kg now, the configuration says {configured_kg:.3f} kg"
-)
-TEMPERATURES_LEFT = Sentence("temperatures_left", "joint temperatures {temperatures_c:.1f} °C; allowed {low_c:g} to {high_c:g}")
 
 
 def state_failure(
@@ -52,50 +47,24 @@ def state_failure(
     until the program has played at full speed once: until then only the slider counts. The most specific cause comes first where several
     hold.
     """
-    if (why := state.not_safe) is not None:
-        return StreamFailure(state.safety_cause, why)
-    if state.teach_button_held:  # before the robot mode, which an arm in freedrive leaves
-        return StreamFailure("teach_button", TEACH_BUTTON_HELD())
-    if (why := state.not_running or state.joint_not_running) is not None:
-        return StreamFailure("robot_mode", why)
-    if playing and state.runtime_state != RUNTIME_PLAYING:
-        return StreamFailure("program_stopped", PROGRAM_LEFT(name=program_name(state.runtime_state), runtime_state=state.runtime_state))
-    if not (np.all(np.isfinite(state.q)) and np.all(np.isfinite(state.target_q))):
-        return StreamFailure("bad_data", POSITIONS_NOT_FINITE_NOW())
-    if failure := speed_failure(state) if up_to_speed else slider_failure(state):
-        return failure
-    if payload_kg is not None and abs(state.payload_kg - payload_kg) > settings.max_payload_error_kg:  # False for NaN: not reported
-        return StreamFailure("payload", PAYLOAD_CHANGED(payload_kg=state.payload_kg, configured_kg=payload_kg))
-    coldest, hottest = settings.joint_temperature_range_c
-    if not np.all((state.temperature_c >= coldest) & (state.temperature_c <= hottest)):
-        return StreamFailure(
-            "joint_temperature", TEMPERATURES_LEFT(temperatures_c=np.round(state.temperature_c, 1), low_c=coldest, high_c=hottest)
-        )
-    return None
-
-
-SLIDER_MOVED = Sentence("slider_moved", "the speed slider is at {share_percent:.0f} %: the arm plays another trajectory")
-
-
-def slider_failure(state: ArmState) -> StreamFailure | None:
-    """The failure where the operator's slider is below 100 %; for a program that has just started, whose limiter still stands at 0."""
-    if math.isnan(state.speed_fraction) or state.slider_full:
-        return None
-    return StreamFailure("speed_scaling", SLIDER_MOVED(share_percent=100.0 * state.speed_fraction))
-
-
-PROGRAM_SLOW = Sentence("program_slow", "the program plays at {share_percent:.0f} % of its speed: the arm plays another trajectory")
-
-
-def speed_failure(state: ArmState) -> StreamFailure | None:
-    """The failure where a program that has come up to full speed plays at less, because of the slider or of the trajectory limiter."""
-    if math.isnan(state.speed) or state.at_full_speed:
-        return None
-    return StreamFailure(
-        "speed_scaling",
-        PROGRAM_SLOW(share_percent=100.0 * state.speed),
-        ours=not state.slider_full,  # with a full slider so begins every program, and ours has begun long ago
+    runtime = state.runtime_state
+    stands = playing and runtime != RUNTIME_PLAYING
+    checks = (
+        (state.safety_cause, state.not_safe),
+        ("teach_button", state.teach_button),  # before the robot mode, which an arm in freedrive leaves
+        ("robot_mode", state.not_running or state.joint_not_running),
+        ("program_stopped", PROGRAM_LEFT(name=program_name(runtime), runtime_state=runtime) if stands else None),
+        ("bad_data", state.no_position),
+        ("speed_scaling", state.slow if up_to_speed else state.slider_low),
+        ("payload", state.other_payload(payload_kg, settings.max_payload_error_kg)),
+        ("joint_temperature", state.temperature_outside(settings.joint_temperature_range_c)),
     )
+    for cause, why in checks:
+        if why is not None:
+            # with a full slider so begins every program, and ours has begun long ago
+            another = cause == "speed_scaling" and up_to_speed and state.slider_full
+            return StreamFailure(cause, why, ours=not another)
+    return None
 
 
 RECENT_S = 0.5  # a failure so soon after late targets is taken for their consequence

@@ -17,7 +17,7 @@ from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_t
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.protocol import Event, Order, Phase, Program
 from monitor.acquire.safety.conditions import check_quick, check_state, inputs
-from monitor.acquire.safety.inputs import ConditionInputs
+from monitor.acquire.safety.inputs import ConditionInputs, LastMotion
 from monitor.acquire.safety.torque_band import TorqueBand, band_for
 from monitor.acquire.safety.way import Left
 from monitor.acquire.state import STANDSTILL_RAD_S, arm_state
@@ -236,7 +236,7 @@ def _bring_back(arm: Arm, known: ConditionInputs, begin_q: Array, *, on_path: bo
     """
     here = arm.recent[-1]
     left = Left(path_digest=known.excitation.path_digest, on_path=on_path, q=tuple(here), home_q=tuple(begin_q), free=True)
-    way = replace(known, left=left).way_from_position(here)
+    way = replace(known, last=LastMotion(left=left)).way_from_position(here)
     if on_path and way.back_from_s is None:
         raise StreamFailure("astray", OFF_PATH(off_path_rad=way.off_path_rad))
     there, back = way.to_start(arm.settings), way.to_home(arm.settings)
@@ -290,7 +290,9 @@ def main() -> None:
             arm.taking.leave_nothing_behind(arm, failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
         last = Event.FAILED if arm.program_sent else Event.STOPPED
-        outbox.message(last, cause=explained.cause, found=failure.cause, reason=explained.reason.document(), ours=failure.ours)
+        outbox.message(
+            last, cause=explained.cause, found=failure.cause, reason=explained.reason.document(), ours=failure.ours, seen=arm.last_seen
+        )
     except Stopped as stopped:
         assert arm is not None
         before = arm.proved_q is None
@@ -300,7 +302,7 @@ def main() -> None:
         where = NOTHING_MOVED if before else ARM_BACK if given_back else ARM_STANDS
         # a lent arm away from its place is not given back
         last = Event.FAILED if arm.program_sent and not arm.taking.anywhere else Event.STOPPED
-        outbox.message(last, cause=stopped.cause, reason=STOPPED_AT(why=why, where=where()).document())
+        outbox.message(last, cause=stopped.cause, reason=STOPPED_AT(why=why, where=where()).document(), seen=arm.last_seen)
     except RobotUnreachable as error:
         outbox.message(Event.UNREACHABLE, reason=error.reason.document())
     except MonitorError as error:
