@@ -62,10 +62,6 @@ def simulate(
     ] = None,
 ) -> None:
     """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""
-    from monitor.simulate.launch import announcement, numbers, settings_from
-    from monitor.simulate.program_tree import load_tree
-    from monitor.simulate.scenario import load_scenario
-
     if fault is not None:
         from monitor.simulate.faults import parse
         from monitor.simulate.remote import Remote
@@ -74,8 +70,12 @@ def simulate(
         with Remote(bind, command_port) as remote:
             typer.echo(remote.fault(name, **arguments))
         return
-    settings = settings_from(
-        None if scenario is None else load_scenario(scenario),
+    from monitor.simulate.launch import announcement, settings_of_options
+
+    settings = settings_of_options(
+        scenario=scenario,
+        program=program,
+        home=home,
         robot=robot,
         bind=bind,
         seed=seed,
@@ -87,31 +87,14 @@ def simulate(
         personality=personality,
         control_script=control_script,
         run_in=run_in,
-        home_rad=numbers("--home", home),
         cell=cell,
-        program=None if program is None else load_tree(program),
         command_port=command_port,
         robot_api_port=robot_api_port,
     )
     if view:
         from monitor.simulate.view import simulate_and_watch
 
-        options = {"--robot": robot, "--scenario": scenario, "--ambient": ambient, "--payload": payload, "--mounting": mounting}
-        options |= {
-            "--polyscope": polyscope,
-            "--protective-runtime": protective_runtime,
-            "--personality": personality,
-            "--home": home,
-        }
-        options |= {
-            "--cell": cell,
-            "--control-script": control_script,
-            "--run-in": run_in,
-            "--program": None if program is None else str(program),
-        }
-        given = [f"{option}={value}" for option, value in options.items() if value is not None]
-        fixed = [f"--bind={bind}", f"--seed={seed}", f"--command-port={command_port}", f"--robot-api-port={robot_api_port}"]
-        simulate_and_watch([*fixed, *given], bind, command_port)
+        simulate_and_watch(settings)
         return
     from monitor.simulate.server import serve
 

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
 from monitor.simulate.polyscope import Version
@@ -97,16 +97,6 @@ class Fault:
 
     about: str
     arguments: Mapping[str, Kind] = field(default_factory=dict)
-
-
-class FaultyWire(Protocol):
-    """The wire of a controller, on which faults can happen."""
-
-    def inject(self, name: str, arguments: dict[str, Any]) -> str:
-        """Make a fault of the wire happen. The arguments are checked already. Returns a sentence that says what was done."""
-
-    def clear(self) -> None:
-        """End every lasting fault of the wire."""
 
 
 def checked(name: str, given: Mapping[str, Any], *, joints: int = 6) -> dict[str, Any]:

@@ -2,11 +2,13 @@
 
 import subprocess
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from monitor.errors import BadInput
 from monitor.model.robot import Mounting
-from monitor.simulate.scenario import Scenario
+from monitor.simulate.program_tree import load_tree
+from monitor.simulate.scenario import Scenario, load_scenario
 from monitor.simulate.settings import RTDE_PORT, SCRIPT_PORTS, SimulateSettings
 
 
@@ -37,6 +39,27 @@ def settings_from(scenario: Scenario | None, **given: Any) -> SimulateSettings:
             most = settings.arm.payload_max_kg
             raise BadInput(f"scenario {scenario.name}: payload of {event.arguments['kg']:g} kg; a {settings.robot} carries {most:g} kg")
     return settings
+
+
+def settings_of_options(
+    *,
+    scenario: str | None = None,
+    program: str | Path | None = None,
+    home: str | None = None,
+    wear_per_revolution: str | None = None,
+    **given: Any,
+) -> SimulateSettings:
+    """Settings from options as they are typed: a scenario's name or file, a program's file, and numbers separated by commas.
+
+    given : fields of the settings; None counts as not given. Raises BadInput for wrong ones.
+    """
+    return settings_from(
+        None if scenario is None else load_scenario(scenario),
+        program=None if program is None else load_tree(Path(program)),
+        home_rad=numbers("--home", home),
+        wear_per_revolution=numbers("--wear-per-revolution", wear_per_revolution),
+        **given,
+    )
 
 
 def numbers(option: str, text: str | None) -> tuple[float, ...] | None:

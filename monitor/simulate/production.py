@@ -5,7 +5,6 @@ A row is what a client of RTDE would have received: the newest values of a contr
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,8 @@ from monitor.simulate.cells.cell import Cell, CellAround, in_cell
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.scenario import Room, Scenario
 from monitor.simulate.settings import SimulateSettings
-from monitor.simulate.wire.variables import robot_status_bits
+from monitor.simulate.wire.packing import reader
+from monitor.simulate.wire.variables import output_variables
 
 RATES_HZ = (1.0, 125.0)  # least and most rows a second
 SPEEDS = (0.05, 1.0)  # least and most of the speed slider
@@ -117,19 +117,28 @@ def record(
     row_s = ticks * controller.clock.tick_s
     began_s, first_cycle = controller.clock.now_s, around.cycles
     stops_before = len(controller.journal.stops)
-    rows: list[list[float]] = []
+    variables = output_variables(controller)
+    read = reader(controller, [variables[name] for name in (*SCALARS, *PER_JOINT, WRENCH, CENTRE)])
+    rows: list[tuple[float, ...]] = []
+
+    def sample() -> None:
+        """Let some control periods pass, and take what RTDE publishes after them."""
+        for _ in range(ticks):
+            controller.step()
+        rows.append(read())
+
     for day in range(production.days):
         if not controller.programs.play():
             raise BadInput(f"work: the program cannot start: {controller.modes.obstacle or 'another one runs'}")
         count = round(3600.0 * production.hours / row_s)
         for i in range(count):
-            _sample(controller, around, ticks, rows)
+            sample()
             if i % max(1, round(1.0 / row_s)) == 0:
                 progress((day + i / count) / production.days)
         if day + 1 < production.days:
             controller.stop_program("the shift is over", kind="program_end")
             for _ in range(round(NIGHT_S / row_s)):
-                _sample(controller, around, ticks, rows)
+                sample()
             night_s = began_s + 86_400.0 * (day + 1) - controller.clock.now_s
             controller.pass_time(max(night_s, 0.0) / 3600.0, duty=0.0)
     controller.stop_program("the recording is over", kind="program_end")
@@ -143,7 +152,7 @@ def record(
         note=f"work of the simulator: {production.cell} at {100 * production.speed:g} %",
     )
     return ProductionRecording(
-        columns=dict(zip(column_names(controller.robot.joints), np.array(rows).T, strict=True)),
+        columns=dict(zip(column_names(controller.robot.joints), np.array(rows, dtype=float).T, strict=True)),
         context=context,
         cycles=around.cycles - first_cycle,
         stops=tuple(stop.reason for stop in stops if stop.kind == "protective_stop"),
@@ -154,18 +163,3 @@ def column_names(joints: int) -> list[str]:
     """The names of the columns in their order."""
     each = [f"{name}_{j}" for name in PER_JOINT for j in range(joints)]
     return [*SCALARS, *each, *(f"{WRENCH}_{k}" for k in range(6)), *(f"{CENTRE}_{k}" for k in range(3))]
-
-
-def _sample(controller: Controller, around: CellAround, ticks: int, rows: list[list[float]]) -> None:
-    """Let some control periods pass, and append what RTDE publishes after them."""
-    for _ in range(ticks):
-        controller.step()
-    machine, latest = controller.machine, controller.measurements.latest
-    reference, modes, registers = controller.reference, controller.modes, controller.registers
-    moment = controller.installation.target_moment(reference)
-    current = (moment + controller.personality.target_friction_nm(reference.qd)) / controller.arm.gain_nm_per_a
-    kg, *centre = controller.installation.payload
-    status: list[Any] = [controller.clock.published_s, kg, modes.robot, modes.safety, modes.runtime, controller.programs.speed_scaling]
-    status += [registers.speed_fraction, robot_status_bits(modes), registers.outputs.digital]
-    per_joint = (*latest, reference.q, reference.qd, reference.qdd, current, moment)
-    rows.append([*map(float, status), *np.concatenate(per_joint).tolist(), *around.wrench(machine).tolist(), *centre])

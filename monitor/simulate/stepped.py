@@ -12,6 +12,8 @@ from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.machine.state import SafetyMode
+from monitor.simulate.wire.packing import reader
+from monitor.simulate.wire.variables import output_variables
 
 RATE_HZ = 125.0  # of targets and rows: that of a CB3 controller, at which the monitor replays
 LOOKAHEAD_S, GAIN = 0.03, 500.0  # arguments of servoj, as in replays on the wire
@@ -20,8 +22,14 @@ THERE_RAD = 1e-3  # nearer to the start than this, the arm needs no approach
 SETTLE_S = 0.3  # time at standstill before the first sample
 YIELD_EVERY = 25  # rows between two yields, so that the caller can serve its sockets
 
-JOINT_SIGNALS = ("q", "qd", "current", "temperature_c", "target_q", "target_qd", "target_qdd", "target_current", "target_moment")
-STATUS = ("t_s", "robot_mode", "safety_mode", "runtime_state", "speed_scaling")
+OF_JOINTS = {  # signal of a recording → variable of RTDE
+    "q": "actual_q",
+    "qd": "actual_qd",
+    "current": "actual_current",
+    "temperature_c": "joint_temperatures",
+    **{name: name for name in ("target_q", "target_qd", "target_qdd", "target_current", "target_moment")},
+}
+STATUS = ("robot_mode", "safety_mode", "runtime_state")
 
 
 def stepped_replay(controller: Controller, excitation: Excitation, *, software: str | None = None) -> Recording:
@@ -92,31 +100,20 @@ def _rows(controller: Controller, excitation: Excitation, until_row: int | None)
     _, path = excitation.sampled(RATE_HZ)
     ticks = round(1.0 / RATE_HZ / controller.clock.tick_s)
     N, J = path.q[:until_row].shape
-    rows = {name: np.empty((N, J)) for name in JOINT_SIGNALS} | {name: np.empty(N) for name in STATUS}
-    reference, modes, gain = controller.reference, controller.modes, controller.arm.gain_nm_per_a
-    friction = controller.personality.target_friction_nm
+    variables, joints = output_variables(controller), len(OF_JOINTS) * J
+    read = reader(controller, [variables[name] for name in (*OF_JOINTS.values(), *STATUS)])
+    t_s, rows = np.empty(N), np.empty((N, joints + len(STATUS)))
     for i in range(N):
-        reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
+        controller.reference.follow([path.q[i].tolist()], 1.0 / RATE_HZ, LOOKAHEAD_S, GAIN)
         for _ in range(ticks):
             controller.step()
         _still_playing(controller)
-        moment = controller.installation.target_moment(reference)
-        values = (
-            *controller.measurements.latest,
-            reference.q,
-            reference.qd,
-            reference.qdd,
-            (moment + friction(reference.qd)) / gain,
-            moment,
-        )
-        for name, value in zip(JOINT_SIGNALS, values, strict=True):
-            rows[name][i] = value
-        status = (controller.clock.now_s, modes.robot, modes.safety, modes.runtime, 1.0)
-        for name, number in zip(STATUS, status, strict=True):
-            rows[name][i] = number
+        t_s[i], rows[i] = controller.clock.now_s, read()
         if i % YIELD_EVERY == 0:
             yield
-    return rows
+    signals = rows[:, :joints].reshape(N, -1, J).swapaxes(0, 1).copy()  # (signals, N, J)
+    of_joints, status = zip(OF_JOINTS, signals, strict=True), zip(STATUS, rows[:, joints:].T.copy(), strict=True)
+    return {"t_s": t_s, "speed_scaling": np.ones(N), **dict(of_joints), **dict(status)}
 
 
 def _still_playing(controller: Controller) -> None:

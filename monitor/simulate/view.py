@@ -1,10 +1,12 @@
-"""The state of a running simulator in the terminal. The view is a process of its own and asks the command port."""
+"""The state of a running simulator in the terminal, in a process of its own, so that the arm keeps its time."""
 
+import logging
 import math
+import os
 import subprocess
 import sys
-import tempfile
 import time
+from contextlib import suppress
 from typing import Any
 
 from rich.console import Console, Group
@@ -12,13 +14,13 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from monitor.errors import BadInput, MonitorError, RobotUnreachable
+from monitor.errors import RobotUnreachable
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
+from monitor.simulate.settings import SimulateSettings
 
 PERIOD_S = 0.25  # between two pictures
 PRINT_PERIOD_S = 2.0  # where the output is no terminal
-START_S = 30.0  # time that a simulator may need to report why it does not start
 SAFETY = {1: "normal", 2: "reduced", 3: "PROTECTIVE STOP", 5: "SAFEGUARD STOP", 7: "EMERGENCY STOP"}
 MODE = {3: "power off", 4: "power on", 5: "idle", 7: "running"}
 RUNTIME = {1: "stopped", 2: "playing", 4: "paused"}
@@ -62,51 +64,54 @@ def _program(run: dict[str, Any]) -> str:
     return begin if run["ended_s"] is None else f"{begin}, ended at {run['ended_s']:.2f} s by {run['stopped_by']}"
 
 
-def watch(host: str, port: int, seconds: float | None = None) -> None:
-    """Show a simulator until Ctrl-C, until it ends, or for the given time."""
-    console = Console()
-    until = math.inf if seconds is None else time.monotonic() + seconds
-    if not console.is_terminal:
-        _print_pictures(console, host, port, until)
-        return
-    with Remote(host, port) as remote, Live(screen(remote.truth()), console=console, refresh_per_second=1.0 / PERIOD_S) as live:
-        while time.monotonic() < until:
-            time.sleep(PERIOD_S)
-            try:
-                live.update(screen(remote.truth()))
-            except RobotUnreachable:
-                return
+def watch(host: str, port: int) -> None:
+    """Show a simulator until it ends: on a terminal one picture in place of the other, into a file or a pipe one after the other.
 
-
-def _print_pictures(console: Console, host: str, port: int, until: float) -> None:
-    """Print one picture after the other, for a file or a pipe."""
-    with Remote(host, port) as remote:
-        while time.monotonic() < until:
-            try:
-                console.print(screen(remote.truth()))
-                console.file.flush()
-            except (RobotUnreachable, BrokenPipeError):
-                return
-            time.sleep(min(PRINT_PERIOD_S, max(0.0, until - time.monotonic())))
-
-
-def simulate_and_watch(arguments: list[str], host: str, port: int, seconds: float | None = None) -> None:
-    """Start a simulator in a process of its own and show it until Ctrl-C. The simulator ends with the view.
-
-    Raises BadInput if its arguments or ports are wrong, MonitorError with its message if it does not start for another reason.
+    Raises BrokenPipeError where nobody reads any more.
     """
-    command = [sys.executable, "-m", "monitor.simulate", *arguments]
-    with tempfile.TemporaryFile("w+") as log:  # a pipe would block the simulator when it is full
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
-        try:
-            assert process.stdout is not None
-            if not process.stdout.readline():
-                process.wait(timeout=START_S)
-                log.seek(0)
-                wrong = BadInput if process.returncode == BadInput.exit_code else MonitorError
-                raise wrong(log.read().strip() or f"the simulator ended with code {process.returncode}")
-            watch(host, port, seconds)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            ended(process)
+    console = Console()
+    with Remote(host, port) as remote, suppress(RobotUnreachable):
+        if console.is_terminal:
+            with Live(screen(remote.truth()), console=console, refresh_per_second=1.0 / PERIOD_S) as live:
+                while True:
+                    time.sleep(PERIOD_S)
+                    live.update(screen(remote.truth()))
+        while True:
+            console.print(screen(remote.truth()))
+            console.file.flush()
+            time.sleep(PRINT_PERIOD_S)
+
+
+def simulate_and_watch(settings: SimulateSettings) -> None:
+    """Simulate in this process, and show it in another one, until Ctrl-C or until nobody reads what is shown.
+
+    Raises BadInput if a port is in use or the address cannot be bound.
+    """
+    from monitor.simulate.server import serve
+
+    command = [sys.executable, "-m", "monitor.simulate.view", settings.bind, str(settings.command_port)]
+    views: list[subprocess.Popen[str]] = []
+    logging.disable()  # a line of the log would stand in the picture
+    try:
+        serve(settings, lambda: views.append(subprocess.Popen(command, text=True)))
+    finally:
+        for view in views:
+            ended(view)
+
+
+def main() -> None:
+    """Watch the simulator at this address and port; where that ends, end the simulator."""
+    host, port = sys.argv[1], int(sys.argv[2])
+    try:
+        watch(host, port)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer has no reader
+    except KeyboardInterrupt:  # of a terminal: the simulator ends by it too
+        return
+    finally:  # also where rich has ended this process, because nobody reads
+        with suppress(RobotUnreachable), Remote(host, port) as remote:
+            remote.shutdown()
+
+
+if __name__ == "__main__":
+    main()

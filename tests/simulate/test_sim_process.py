@@ -107,8 +107,8 @@ def test_the_view_shows_the_arm_and_ends_with_it(tmp_path):
     with (tmp_path / "screen").open("w") as screen:
         view = subprocess.Popen(command, stdout=screen, stderr=subprocess.PIPE, text=True)
         try:
-            assert eventually(lambda: _answers(address), 30.0)
-            time.sleep(1.0)
+            assert eventually(lambda: "running" in (tmp_path / "screen").read_text(), 30.0)
+            assert _answers(address)
             view.send_signal(signal.SIGINT)
             assert view.wait(timeout=15) == 0, view.stderr.read()
         finally:

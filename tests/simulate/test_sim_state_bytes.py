@@ -241,15 +241,15 @@ def test_programs_are_reported_on_the_primary_port():
     pendant = Pendant()
     messages = pendant.controller.journal.messages
     assert [primary.encoded(message)[14] for message in messages] == [7]
-    pendant.controller.stop_program("runtime exception: test")
+    pendant.controller.raise_exception("test")
     assert [primary.encoded(message)[14] for message in messages] == [7, 10, 7]
 
 
 def test_a_protective_stop_names_the_joint_that_noticed_it(ur5e):
     """The argument of C153, from 0; as a listener of the monitor reads it."""
-    for reason, joint in (("joint 4 is 0.200 rad from where it should be", 4), ("something was in the way", 1)):
+    for noticed, joint in ((4, 4), (None, 1)):
         ur5e.journal.messages.clear()
-        ur5e.modes.end_stop()
-        ur5e.safety.protective_stop(reason)
+        ur5e.modes.safety = SafetyMode.NORMAL
+        ur5e.safety.protective_stop("something was in the way", joint=noticed)
         [told] = [message for message in ur5e.journal.messages if isinstance(message, ErrorMessage)]
         assert reported_error(primary.encoded(told)[5:]) == (f"C153A{joint - 1}", joint)

@@ -8,24 +8,11 @@ import pinocchio as pin
 
 from monitor.recording import Array
 from monitor.simulate.arm.kinematics import Kinematics
-from monitor.simulate.arm.reference import Reference
+from monitor.simulate.arm.reference import Reference, total_s, trapezoid
 
 CHECKS = 40  # points of a line for which joint positions are computed before the arm starts
 ANGLE_PER_METRE = 1.0  # a rotation by one radian takes as long as a translation by one metre
 CORRECTION_PER_S = 20.0  # rate at which the drift of the integration away from the line is corrected
-
-
-def trapezoid(t: float, speed: float, acceleration: float) -> tuple[float, float, bool]:
-    """A trapezoid of speed from rest to rest. Returns the share of the way 0 … 1 at time t, its rate [1/s], and whether it has ended."""
-    speed = min(speed, math.sqrt(acceleration))
-    ramp_s, total_s = speed / acceleration, speed / acceleration + 1.0 / speed
-    if t >= total_s:
-        return 1.0, 0.0, True
-    if t < ramp_s:
-        return 0.5 * acceleration * t * t, acceleration * t, False
-    if total_s - t < ramp_s:
-        return 1.0 - 0.5 * acceleration * (total_s - t) ** 2, acceleration * (total_s - t), False
-    return speed * (t - 0.5 * ramp_s), speed, False
 
 
 def line(
@@ -40,7 +27,8 @@ def line(
         reference.hold()
         return ""
     twist = np.concatenate([way, axis])
-    top = min(speed_m_s / length, math.sqrt(acceleration_m_s2 / length))
+    acceleration = acceleration_m_s2 / length
+    top = min(speed_m_s / length, math.sqrt(acceleration))
 
     def at(s: float) -> "pin.SE3":
         return pin.SE3(pin.exp3(s * axis) @ start.rotation, start.translation + s * way)
@@ -55,18 +43,18 @@ def line(
             joint = int(np.argmax(rate / max_speed)) + 1
             return f"joint {joint} would have to turn faster than it can at {100 * i // CHECKS} % of the way: near a singularity"
         q = found
-    end = q
+    end, end_s = q, total_s(top, acceleration)
     t = 0.0
 
     def advance(h: float) -> None:
         nonlocal t
         slider, _ = reference.slider_share(h)
         t += slider * h
-        s, rate, over = trapezoid(t, speed_m_s / length, acceleration_m_s2 / length)
-        if over:
+        if t >= end_s:
             reference.put(end, np.zeros_like(end), (end - reference.q) * 0.0)
             reference.hold()
             return
+        s, rate, _ = trapezoid(t, top, acceleration)
         here, there = kinematics.at(reference.q), at(s)
         drift = np.concatenate([there.translation - here.translation, pin.log3(there.rotation @ here.rotation.T)])
         qd = kinematics.towards(reference.q, slider * rate * twist + CORRECTION_PER_S * drift)

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from monitor.recording import Array
 from monitor.simulate.arm.kinematics import Kinematics
-from monitor.simulate.arm.reference import Reference
+from monitor.simulate.arm.reference import Reference, total_s, trapezoid
 
 MODE = "path"  # of the reference while such a path is under way
 NODES = 11  # joint positions of a straight line are interpolated between so many; over 1 m a UR5's tool stays within 0.1 mm of the line
@@ -50,17 +50,11 @@ class _Leg:
 
     @property
     def total_s(self) -> float:
-        return self.ramp_s + 1.0 / self.stretch.speed
+        return total_s(self.stretch.speed, self.stretch.acceleration)
 
     def at(self) -> tuple[Array, Array, Array]:
         """Position, and its first and second derivative by the time of the path."""
-        v, a, t = self.stretch.speed, self.stretch.acceleration, self.t_s
-        if t < self.ramp_s:
-            s, sd, sdd = 0.5 * a * t * t, a * t, a
-        elif self.left_s < self.ramp_s:
-            s, sd, sdd = 1.0 - 0.5 * a * self.left_s**2, a * self.left_s, -a
-        else:
-            s, sd, sdd = v * (t - 0.5 * self.ramp_s), v, 0.0
+        s, sd, sdd = trapezoid(self.t_s, self.stretch.speed, self.stretch.acceleration)
         q, along, bend = self.stretch.curve(s)
         return q, sd * along, sdd * along + sd * sd * bend
 

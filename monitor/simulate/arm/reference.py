@@ -165,6 +165,22 @@ class Servoj:
         return [BACK_RAD_S**2 * (g + on_way * (gd + 0.5 * age * gdd) - at) - 2.0 * BACK_RAD_S * speed for g, gd, gdd, at, speed in goals]
 
 
+def trapezoid(t: float, speed: float, acceleration: float) -> tuple[float, float, float]:
+    """A trapezoid of speed from rest to rest: the share of the way 0 … 1 at time t [s], its rate [1/s] and its acceleration [1/s²]."""
+    ramp_s = speed / acceleration
+    rest = total_s(speed, acceleration) - t
+    if t < ramp_s:
+        return 0.5 * acceleration * t * t, acceleration * t, acceleration
+    if rest < ramp_s:
+        return 1.0 - 0.5 * acceleration * rest * rest, acceleration * rest, -acceleration
+    return speed * (t - 0.5 * ramp_s), speed, 0.0
+
+
+def total_s(speed: float, acceleration: float) -> float:
+    """How long a trapezoid lasts [s]."""
+    return speed / acceleration + 1.0 / speed
+
+
 @lru_cache(maxsize=64)
 def gains(rate: float, h: float, n: int) -> Array:
     """(3n + 3, 5) matrix of `advance` without limits: it acts on the target g, ġ, g̈ now and on q and q̇."""
@@ -268,22 +284,15 @@ class Reference:
             return
         v, a = speed_rad_s / length, acceleration_rad_s2 / length  # speed and acceleration of the path parameter s ∈ [0, 1]
         v = min(v, float(np.min(self._max_speed / np.maximum(np.abs(way), 1e-12))), math.sqrt(a))
-        ramp_s, total_s = v / a, v / a + 1.0 / v
-        t = 0.0
+        end_s, t = total_s(v, a), 0.0
 
         def advance(h: float) -> None:
             nonlocal t
             share, change = self.slider_share(h)
-            t = min(t + share * h, total_s)
-            rest = total_s - t
-            if t < ramp_s:
-                s, sd, sdd = 0.5 * a * t * t, a * t, a
-            elif rest < ramp_s:
-                s, sd, sdd = 1.0 - 0.5 * a * rest * rest, a * rest, -a
-            else:
-                s, sd, sdd = v * (t - 0.5 * ramp_s), v, 0.0
+            t = min(t + share * h, end_s)
+            s, sd, sdd = trapezoid(t, v, a)
             self.q, self.qd, self.qdd = start + s * way, (share * sd) * way, (share * share * sdd + change * sd) * way
-            if rest <= 0.0:
+            if t >= end_s:
                 self.hold()
 
         self.begin("move", advance)

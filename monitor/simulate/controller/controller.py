@@ -4,7 +4,7 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,9 @@ from monitor.simulate.arm.physics import Arm
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.arm.thermal import Temperatures
-from monitor.simulate.controller.faults import FaultTarget, ForeignPrograms, inject
+from monitor.simulate.controller.faults import Effect, ForeignPrograms, Parts, inject
 from monitor.simulate.controller.safety import Safety
-from monitor.simulate.controller.scenario_player import ScenarioPlayer, ScenarioTarget
-from monitor.simulate.faults import FaultyWire
+from monitor.simulate.controller.scenario_player import ScenarioPlayer
 from monitor.simulate.machine.identity import Identity
 from monitor.simulate.machine.journal import CLIENT, Journal
 from monitor.simulate.machine.machine import Installation, Machine, Measurements, Watchdog
@@ -36,7 +35,7 @@ SUBSTEP_S = 0.002  # period of servo and integration; it is the e-Series' own co
 SCENARIO_EVERY_S = 1.0  # how often the scenario's events and the temperature of the room are checked
 
 
-class Controller:
+class Controller(Parts):
     """Composes the parts of one controller, and advances them together. `machine` holds the parts that programs use."""
 
     def __init__(
@@ -45,23 +44,24 @@ class Controller:
         *,
         before: "Controller | None" = None,
         law: FrictionLaw | None = None,
-        wire: FaultyWire | None = None,
+        wire: Mapping[str, Effect] | None = None,
         surroundings: Surroundings | None = None,
     ) -> None:
         """Start a controller.
 
         before : the controller that ran on the same arm until it was killed. The arm with its heat and wear is taken over.
         law : the friction of the arm; None means the default of the robot. A controller that takes over an arm ignores it.
-        wire : where the scenario's faults of the wire happen; None if there is no wire.
+        wire : the faults of the wire, by name; None if there is no wire.
         surroundings : the cell around the arm, whose program is loaded; None if nothing stands there.
 
         Raises BadInput where the scenario names outputs that this controller does not have.
         """
         self.settings, self.robot, self.personality = settings, settings.arm, personality_of(settings)
+        self.wire, self.restore = wire or {}, {}
         self.scenario: ScenarioPlayer = ScenarioPlayer(settings.scenario or Scenario()) if before is None else before.scenario
         self.clock = Clock(settings.tick_s, self.scenario.lived_s)
         self.modes, self.journal, self.identity = Modes(), Journal(self.clock), Identity(settings)
-        self.arm: Arm = _new_arm(settings, law) if before is None else before.arm
+        self.arm = _new_arm(settings, law) if before is None else before.arm
         if before is not None:
             self.arm.brake()
             self.arm.powered = False
@@ -76,22 +76,6 @@ class Controller:
         self.programs = Programs(self.machine, surroundings)
         self.safety = Safety(self.machine, self.programs)
         self.foreign = ForeignPrograms(self.machine, self.programs)
-        self._fault_target = FaultTarget(
-            settings=settings,
-            identity=self.identity,
-            registers=self.registers,
-            measurements=self.measurements,
-            arm=self.arm,
-            reference=self.reference,
-            machine=self.machine,
-            programs=self.programs,
-            foreign=self.foreign,
-            safety=self.safety,
-            wire=wire,
-        )
-        self._scenario_target = ScenarioTarget(
-            arm=self.arm, clock=self.clock, identity=self.identity, installation=self.installation, faults=self._fault_target
-        )
         self._scenario_every = max(1, round(SCENARIO_EVERY_S / settings.tick_s))
         self._substeps = max(1, round(settings.tick_s / SUBSTEP_S))
         if before is None:
@@ -133,7 +117,7 @@ class Controller:
         )
 
     def _begin_scenario(self) -> None:
-        self.scenario.advance(0.0, self._scenario_target)
+        self.scenario.advance(0.0, self)
         if self.scenario.scenario.room is not None:
             self.arm.set_temperatures(self.arm.thermal.idle(self.arm.ambient_c))
 
@@ -144,7 +128,7 @@ class Controller:
         self.registers.digital_inputs = before.registers.digital_inputs
         self.measurements.take_over(before.measurements)
         self.installation.take_over(before.installation)
-        self.safety.start_without_power()
+        self.safety.power_off()
 
     def _check_scenario(self) -> None:
         """Report an impossible fault of the scenario now, and not when its day comes."""
@@ -157,7 +141,7 @@ class Controller:
         """Advance by one control period."""
         self.clock.tick()
         if self.clock.ticks % self._scenario_every == 0 or self.clock.ticks == 1:
-            self.scenario.advance(self.clock.lived_s, self._scenario_target)
+            self.scenario.advance(self.clock.lived_s, self)
         for script in self.foreign.step():
             self._run(script)
         self.programs.step()
@@ -221,11 +205,15 @@ class Controller:
 
     def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
         """End the program; the arm decelerates to standstill. Returns False if no program was running."""
-        return self.programs.stop(reason, kind=kind, by="itself" if reason.startswith("runtime exception") else "controller")
+        return self.programs.stop(reason, kind=kind)
 
-    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES) -> None:
+    def raise_exception(self, text: str) -> None:
+        """End the program by a runtime exception."""
+        self.programs.fail(text)
+
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES, joint: int | None = None) -> None:
         """Halt the arm; the settings say what becomes of the program."""
-        self.safety.protective_stop(reason, code)
+        self.safety.protective_stop(reason, code, joint)
 
     def tool_force(self) -> Array:
         """(6,) force [N] and torque [N·m] at the tool as the controller shows them."""
@@ -238,7 +226,7 @@ class Controller:
 
     def inject(self, fault: str, arguments: dict[str, Any]) -> str:
         """Make one fault happen. Returns a sentence that says what was done. Raises BadInput for what is unknown or impossible."""
-        return inject(fault, arguments, self._fault_target)
+        return inject(fault, arguments, self)
 
     def pass_time(self, hours: float, ambient_c: float | None = None, duty: float | None = None) -> str:
         """Let hours pass without computing motion, in a room at this temperature, with this share of work.
@@ -247,7 +235,7 @@ class Controller:
         """
         if self.programs.current is not None:
             return "a program is running"
-        self.scenario.leap(self._scenario_target, 3600.0 * hours, ambient_c, duty)
+        self.scenario.leap(self, 3600.0 * hours, ambient_c, duty)
         self.measurements.read()
         return ""
 

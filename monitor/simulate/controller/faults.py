@@ -1,8 +1,8 @@
-"""When somebody else's program starts: after a time, after the end of a client's program, or while a client uploads its own."""
+"""What each fault of a controller and its sensors does, by its name in `faults.FAULTS`; the other faults are those of the wire."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,24 +12,26 @@ from monitor.simulate.arm.physics import Arm, Contact
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import SensorFaults
 from monitor.simulate.controller.safety import Safety
-from monitor.simulate.faults import FaultyWire, checked, parsed_version
+from monitor.simulate.faults import checked, parsed_version
 from monitor.simulate.machine.identity import Identity
-from monitor.simulate.machine.journal import CLIENT, SOMEBODY_ELSE
-from monitor.simulate.machine.machine import Machine, Measurements
+from monitor.simulate.machine.journal import CLIENT, SOMEBODY_ELSE, SafetyMessage
+from monitor.simulate.machine.machine import Installation, Machine, Measurements
 from monitor.simulate.machine.registers import INPUT_TYPES, Registers
-from monitor.simulate.machine.state import SafetyMode
+from monitor.simulate.machine.state import Clock, Modes, SafetyMode
 from monitor.simulate.program.runner import Programs
 from monitor.simulate.settings import SimulateSettings
 
-NOW, AFTER_OURS, DURING_UPLOAD = "now", "after_ours", "during_upload"
-MOMENTS = (NOW, AFTER_OURS, DURING_UPLOAD)
+NOW, AFTER_OURS, DURING_UPLOAD = "now", "after_ours", "during_upload"  # when somebody else's program starts
+NOBODY = -1  # the connection that owns occupied inputs
+
+Effect = Callable[..., str]  # takes a fault's arguments by name; returns a sentence that says what was done
 
 
 @dataclass(slots=True, kw_only=True)
 class ForeignPlan:
     """One program of somebody else, planned."""
 
-    when: str  # one of MOMENTS
+    when: str  # NOW, AFTER_OURS or DURING_UPLOAD
     delay_s: float
     seconds: float
     moves: bool
@@ -95,321 +97,277 @@ class ForeignPrograms:
         self._programs.start_foreign(plan.seconds, moves=plan.moves)
 
 
-# --- What faults act on ---------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FaultTarget:
-    """Parts of a controller, and its wire if it has one."""
+class Parts:
+    """The parts of one controller, on which faults and scenarios act. `Controller` sets them."""
 
     settings: SimulateSettings
+    clock: Clock
+    modes: Modes
     identity: Identity
     registers: Registers
     measurements: Measurements
+    installation: Installation
     arm: Arm
     reference: Reference
     machine: Machine
     programs: Programs
     foreign: ForeignPrograms
     safety: Safety
-    wire: FaultyWire | None
-    restore: dict[str, Callable[[], object]] = field(default_factory=dict)  # for each lasting fault, what `clear` does to end it
+    wire: Mapping[str, Effect]  # the faults of the wire; empty where there is none
+    restore: dict[str, Callable[[], object]]  # for each lasting fault, what `clear` does to end it
 
     def lasts(self, fault: str, end: Callable[[], object]) -> None:
         """Let `clear` end this fault. What was before the first of several stays to be restored."""
         self.restore.setdefault(fault, end)
 
-    def clear(self) -> None:
-        """End the lasting faults that were registered."""
-        while self.restore:
-            self.restore.popitem()[1]()
 
-
-# --- Faults that people, other machines and mechanics make: what each of them does ----------------------
-
-
-def _foreign_program(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    when, delay_s, seconds, moves = arguments["when"], arguments["delay"], arguments["seconds"], arguments["moves"] == "on"
-    target.foreign.plan(when, delay_s=delay_s, seconds=seconds, moves=moves)
-    target.lasts("foreign_program", target.foreign.cancel)
-    motion = "moves the arm" if moves else "does not move the arm"
-    return f"somebody else's program, which plays for {seconds:g} s and {motion}: {when}, {delay_s:g} s"
-
-
-def _teach_button(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    modes = target.machine.modes
-    modes.teach_button = arguments["state"] == "on"
-    target.lasts("teach_button", modes.release_teach_button)
-    return f"the freedrive button is {'held' if modes.teach_button else 'released'}"
-
-
-def _speed_slider(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    _set_slider(target, arguments["fraction"])
-    target.lasts("speed_slider", lambda: _set_slider(target, 1.0))
-    return f"the speed slider is at {100 * arguments['fraction']:g} %"
-
-
-def _set_slider(target: FaultTarget, fraction: float) -> None:
-    target.registers.inputs.others.update(speed_slider_mask=1, speed_slider_fraction=fraction)
-    target.reference.speed_slider = target.registers.speed_fraction
-
-
-def _tcp_changed(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    kinematics = target.machine.kinematics
-    before = kinematics.tool
-    kinematics.tool = np.array([arguments[name] for name in ("x", "y", "z", "rx", "ry", "rz")])
-    target.lasts("tcp_changed", lambda: setattr(kinematics, "tool", before))
-    return f"the tool centre point is at {kinematics.tool.tolist()}"
-
-
-def _payload_changed(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    installation = target.machine.installation
-    before, payload = installation.installed_payload, tuple(arguments[name] for name in ("kg", "x", "y", "z"))
-    installation.install(payload=payload)
-    target.lasts("payload_changed", lambda: installation.install(payload=before))
-    return f"the controller reckons with {payload[0]:g} kg at {list(payload[1:])}; the arm carries what it carried"
-
-
-def _wrist_turned(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    joint, machine = arguments["joint"] - 1, target.machine
-    way = np.zeros(target.settings.arm.joints)
-    way[joint] = 2.0 * np.pi * round(arguments["turns"])
-    obstacle = "the arm is moving" if way.any() and not machine.standing else machine.limits.outside(target.measurements.encoder_q + way)
-    if obstacle:
-        raise BadInput(f"fault wrist_turned: {obstacle}")
-    target.arm.q = target.arm.q + way
-    target.reference.put(target.reference.q + way, target.reference.qd, target.reference.qdd)
-    target.measurements.read()
-    return f"joint {joint + 1} stands at {target.arm.q[joint]:.3f} rad"
-
-
-def _reduced(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    modes, on = target.machine.modes, arguments["state"] == "on"
-    if on and modes.safety == SafetyMode.NORMAL:
-        modes.safety = SafetyMode.REDUCED
-        target.lasts("reduced", modes.end_reduced)
-    elif not on:
-        modes.end_reduced()
-    target.machine.journal.safety_message(modes.safety)
-    return f"the safety mode is {modes.safety.name}"
-
-
-def _stuck(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    joint = arguments["joint"] - 1
-    target.arm.jam(joint, jammed=True)
-    target.lasts(f"stuck {joint}", lambda: target.arm.jam(joint, jammed=False))
-    return f"joint {joint + 1} is stuck"
-
-
-def _brake(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    joint, modes = arguments["joint"] - 1, target.machine.modes
-    modes.braked |= {joint}
-    target.arm.jam(joint, jammed=True)
-
-    def release() -> None:
-        modes.braked -= {joint}
-        target.arm.jam(joint, jammed=False)
-
-    target.lasts(f"brake {joint}", release)
-    return f"the brake of joint {joint + 1} is closed"
-
-
-def _watchdog_dead(target: FaultTarget, _: dict[str, Any]) -> str:
-    watchdog = target.machine.watchdog
-    watchdog.dead = True
-    target.lasts("watchdog_dead", watchdog.revive)
-    return "the watchdog is acknowledged and does nothing"
-
-
-def _clock_jump(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.machine.clock.jump(arguments["seconds"])
-    return f"the published clock has jumped by {arguments['seconds']:+g} s"
-
-
-INTERFERENCE: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {
-    "foreign_program": _foreign_program,
-    "teach_button": _teach_button,
-    "speed_slider": _speed_slider,
-    "tcp_changed": _tcp_changed,
-    "payload_changed": _payload_changed,
-    "wrist_turned": _wrist_turned,
-    "reduced": _reduced,
-    "stuck": _stuck,
-    "brake": _brake,
-    "watchdog_dead": _watchdog_dead,
-    "clock_jump": _clock_jump,
-}
-
-
-# --- Faults of a controller and its sensors: what each of them does -------------------------------------
-
-NOBODY = -1  # the connection that owns occupied inputs
-
-
-def inject(name: str, given: dict[str, Any], target: FaultTarget) -> str:
+def inject(name: str, given: dict[str, Any], parts: Parts) -> str:
     """Make one fault happen. Returns a sentence that says what was done.
 
     Raises BadInput for an unknown name, for wrong arguments, and for a fault of the wire if there is no wire.
     """
-    arguments = checked(name, given, joints=target.settings.arm.joints)
-    if name in ACTIONS:
-        return ACTIONS[name](target, arguments)
-    if target.wire is None:
+    arguments = checked(name, given, joints=parts.settings.arm.joints)
+    if name in EFFECTS:
+        return EFFECTS[name](parts, **arguments)
+    if name not in parts.wire:
         raise BadInput("this fault is one of the wire, and there is none here: run `joint-monitor simulate`")
-    return target.wire.inject(name, arguments)
+    return parts.wire[name](**arguments)
+
+
+# --- people, other machines and mechanics ---------------------------------------------------------------------
+
+
+def _foreign_program(parts: Parts, when: str, delay: float, seconds: float, moves: str) -> str:
+    parts.foreign.plan(when, delay_s=delay, seconds=seconds, moves=moves == "on")
+    parts.lasts("foreign_program", parts.foreign.cancel)
+    motion = "moves the arm" if moves == "on" else "does not move the arm"
+    return f"somebody else's program, which plays for {seconds:g} s and {motion}: {when}, {delay:g} s"
+
+
+def _teach_button(parts: Parts, state: str) -> str:
+    parts.modes.teach_button = state == "on"
+    parts.lasts("teach_button", lambda: setattr(parts.modes, "teach_button", False))
+    return f"the freedrive button is {'held' if parts.modes.teach_button else 'released'}"
+
+
+def _speed_slider(parts: Parts, fraction: float) -> str:
+    def put(fraction: float) -> None:
+        parts.registers.inputs.others.update(speed_slider_mask=1, speed_slider_fraction=fraction)
+        parts.reference.speed_slider = parts.registers.speed_fraction
+
+    put(fraction)
+    parts.lasts("speed_slider", lambda: put(1.0))
+    return f"the speed slider is at {100 * fraction:g} %"
+
+
+def _tcp_changed(parts: Parts, **pose: float) -> str:
+    kinematics = parts.machine.kinematics
+    before = kinematics.tool
+    kinematics.tool = np.array([pose[name] for name in ("x", "y", "z", "rx", "ry", "rz")])
+    parts.lasts("tcp_changed", lambda: setattr(kinematics, "tool", before))
+    return f"the tool centre point is at {kinematics.tool.tolist()}"
+
+
+def _payload_changed(parts: Parts, kg: float, x: float, y: float, z: float) -> str:
+    before = parts.installation.installed_payload
+    parts.installation.install(payload=(kg, x, y, z))
+    parts.lasts("payload_changed", lambda: parts.installation.install(payload=before))
+    return f"the controller reckons with {kg:g} kg at {[x, y, z]}; the arm carries what it carried"
+
+
+def _wrist_turned(parts: Parts, joint: int, turns: float) -> str:
+    machine, way = parts.machine, np.zeros(parts.settings.arm.joints)
+    way[joint - 1] = 2.0 * np.pi * round(turns)
+    if way.any() and not machine.standing:
+        raise BadInput("fault wrist_turned: the arm is moving")
+    if (outside := machine.limits.outside(parts.measurements.encoder_q + way)) is not None:
+        raise BadInput(f"fault wrist_turned: {outside.text}")
+    parts.arm.q = parts.arm.q + way
+    parts.reference.put(parts.reference.q + way, parts.reference.qd, parts.reference.qdd)
+    parts.measurements.read()
+    return f"joint {joint} stands at {parts.arm.q[joint - 1]:.3f} rad"
+
+
+def _reduced(parts: Parts, state: str) -> str:
+    modes = parts.modes
+
+    def end() -> None:
+        if modes.safety == SafetyMode.REDUCED:
+            modes.safety = SafetyMode.NORMAL
+
+    if state == "off":
+        end()
+    elif modes.safety == SafetyMode.NORMAL:
+        modes.safety = SafetyMode.REDUCED
+        parts.lasts("reduced", end)
+    parts.machine.journal.tell(SafetyMessage, modes.safety)
+    return f"the safety mode is {modes.safety.name}"
+
+
+def _stuck(parts: Parts, joint: int) -> str:
+    parts.arm.jam(joint - 1, jammed=True)
+    parts.lasts(f"stuck {joint}", lambda: parts.arm.jam(joint - 1, jammed=False))
+    return f"joint {joint} is stuck"
+
+
+def _brake(parts: Parts, joint: int) -> str:
+    def put(*, closed: bool) -> None:
+        parts.modes.braked = parts.modes.braked | {joint - 1} if closed else parts.modes.braked - {joint - 1}
+        parts.arm.jam(joint - 1, jammed=closed)
+
+    put(closed=True)
+    parts.lasts(f"brake {joint}", lambda: put(closed=False))
+    return f"the brake of joint {joint} is closed"
+
+
+def _watchdog_dead(parts: Parts) -> str:
+    watchdog = parts.machine.watchdog
+    watchdog.dead = True
+    parts.lasts("watchdog_dead", lambda: setattr(watchdog, "dead", False))
+    return "the watchdog is acknowledged and does nothing"
+
+
+def _clock_jump(parts: Parts, seconds: float) -> str:
+    parts.clock.jump(seconds)
+    return f"the published clock has jumped by {seconds:+g} s"
 
 
 # --- the controller -------------------------------------------------------------------------------------------
 
 
-def _registers_in_use(target: FaultTarget, _: dict[str, Any]) -> str:
-    target.registers.inputs.occupy(INPUT_TYPES, NOBODY)
+def _registers_in_use(parts: Parts) -> str:
+    parts.registers.inputs.occupy(INPUT_TYPES, NOBODY)
     return "all inputs that were free belong to a connection that is gone"
 
 
-def _version(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.identity.report_version(parsed_version(arguments["version"]))
-    return f"reports version {arguments['version']}"
+def _version(parts: Parts, version: str) -> str:
+    parts.identity.reported_version = parsed_version(version)
+    return f"reports version {version}"
 
 
-def _not_found(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    names = target.identity.outputs(arguments["names"])
-    target.identity.hide_outputs(names)
-    return f"does not know {', '.join(names)}"
+def _not_found(parts: Parts, names: str) -> str:
+    hidden = parts.identity.outputs(names)
+    parts.identity.missing_outputs.update(hidden)
+    return f"does not know {', '.join(hidden)}"
 
 
-def _remote(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.identity.set_remote_control(arguments["state"] == "on")
-    return f"remote control is {arguments['state']}"
+def _remote(parts: Parts, state: str) -> str:
+    parts.identity.remote_control = state == "on"
+    return f"remote control is {state}"
 
 
-def _manual_mode(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.identity.set_manual(arguments["state"] == "on")
-    return f"manual mode is {arguments['state']}"
+def _manual_mode(parts: Parts, state: str) -> str:
+    parts.identity.set_manual(state == "on")
+    return f"manual mode is {state}"
 
 
-def _digital_input(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    bit = 1 << int(arguments["number"])
-    registers = target.registers
-    registers.digital_inputs = registers.digital_inputs | bit if arguments["state"] == "on" else registers.digital_inputs & ~bit
-    return f"digital input {int(arguments['number'])} is {arguments['state']}"
+def _digital_input(parts: Parts, number: float, state: str) -> str:
+    bit, registers = 1 << int(number), parts.registers
+    registers.digital_inputs = registers.digital_inputs | bit if state == "on" else registers.digital_inputs & ~bit
+    return f"digital input {int(number)} is {state}"
 
 
-def _program_stop(target: FaultTarget, _: dict[str, Any]) -> str:
-    return "program stopped" if target.programs.stop("fault: stopped by somebody else", by=SOMEBODY_ELSE) else "no program was running"
+def _program_stop(parts: Parts) -> str:
+    return "program stopped" if parts.programs.stop("fault: stopped by somebody else", by=SOMEBODY_ELSE) else "no program was running"
 
 
-def _protective_stop(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.safety.protective_stop("fault: protective_stop", runtime=arguments["runtime"] or None)
+def _protective_stop(parts: Parts, runtime: str) -> str:
+    parts.safety.protective_stop("fault: protective_stop", runtime=runtime or None)
     return "protective stop"
 
 
-def _safeguard_stop(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    seconds = arguments["seconds"]
-    target.safety.open_safeguard(seconds)
-    target.lasts("safeguard_stop", target.safety.close_safeguard)
+def _safeguard_stop(parts: Parts, seconds: float) -> str:
+    parts.safety.open_safeguard(seconds)
+    parts.lasts("safeguard_stop", parts.safety.close_safeguard)
     return "the safeguard is open" + (f" for {seconds:g} s; then the program plays on" if seconds else " until `clear`")
 
 
-def _emergency_stop(target: FaultTarget, _: dict[str, Any]) -> str:
-    target.safety.emergency_stop()
+def _emergency_stop(parts: Parts) -> str:
+    parts.safety.emergency_stop()
     return "emergency stop"
 
 
-def _emergency_release(target: FaultTarget, _: dict[str, Any]) -> str:
-    target.safety.release_emergency_stop()
+def _emergency_release(parts: Parts) -> str:
+    parts.safety.release_emergency_stop()
     return "emergency stop released, power is off"
 
 
 # --- the sensors ----------------------------------------------------------------------------------------------
 
 
-def _temperatures_frozen(target: FaultTarget, _: dict[str, Any]) -> str:
-    target.measurements.sensors.faults.frozen_c = target.measurements.latest.temperature_c.copy()
+def _temperatures_frozen(parts: Parts) -> str:
+    parts.measurements.sensors.faults.frozen_c = parts.measurements.latest.temperature_c.copy()
     return "temperatures stay as they are"
 
 
-def _temperature_glitch(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.measurements.sensors.faults.glitch_c[arguments["joint"] - 1] = arguments["value"]
-    return f"joint {arguments['joint']} says {arguments['value']:g} °C now and then"
+def _temperature_glitch(parts: Parts, joint: int, value: float) -> str:
+    parts.measurements.sensors.faults.glitch_c[joint - 1] = value
+    return f"joint {joint} says {value:g} °C now and then"
 
 
-def _current_stuck(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    joint = arguments["joint"] - 1
-    value = float(target.measurements.latest.current[joint])
-    target.measurements.sensors.faults.stuck_a[joint] = value
-    return f"joint {arguments['joint']} goes on telling {value:.3f} A"
+def _current_stuck(parts: Parts, joint: int) -> str:
+    value = float(parts.measurements.latest.current[joint - 1])
+    parts.measurements.sensors.faults.stuck_a[joint - 1] = value
+    return f"joint {joint} goes on telling {value:.3f} A"
 
 
-def _encoder_offset(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    offset = np.zeros(target.settings.arm.joints)
-    offset[arguments["joint"] - 1] = arguments["value"]
-    _shift_encoders(target, offset)
-    return f"the encoder of joint {arguments['joint']} has moved by {arguments['value']:g} rad"
+def _encoder_offset(parts: Parts, joint: int, value: float) -> str:
+    offset = np.zeros(parts.settings.arm.joints)
+    offset[joint - 1] = value
+    _shift_encoders(parts, offset)
+    return f"the encoder of joint {joint} has moved by {value:g} rad"
 
 
-def _shift_encoders(target: FaultTarget, offset_rad: np.ndarray) -> None:
+def _shift_encoders(parts: Parts, offset_rad: np.ndarray) -> None:
     """Shift what the encoders show, and the reference with it: the arm stays, and the controller reports another position."""
-    target.measurements.shift_encoders(offset_rad)
-    reference = target.reference
+    parts.measurements.shift_encoders(offset_rad)
+    reference = parts.reference
     reference.put(reference.q + offset_rad, reference.qd, reference.qdd)
 
 
-def _current_noise(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    target.measurements.sensors.set_current_noise(arguments["factor"])
-    return f"currents with {arguments['factor']:g} times their noise"
+def _current_noise(parts: Parts, factor: float) -> str:
+    parts.measurements.sensors.set_current_noise(factor)
+    return f"currents with {factor:g} times their noise"
 
 
-def _obstacle(target: FaultTarget, arguments: dict[str, Any]) -> str:
-    joint, torque_nm, stiffness = arguments["joint"] - 1, arguments["torque"], arguments["stiffness"]
-    arm = target.arm
-    way = 1.0 if arm.qd[joint] >= 0.0 else -1.0
+def _obstacle(parts: Parts, joint: int, torque: float, stiffness: float, seconds: float) -> str:
+    arm = parts.arm
+    way = 1.0 if arm.qd[joint - 1] >= 0.0 else -1.0
     arm.contact = Contact(
-        joint=joint,
-        left_s=arguments["seconds"] or math.inf,
-        torque_nm_on_joint=-way * torque_nm,
+        joint=joint - 1,
+        left_s=seconds or math.inf,
+        torque_nm_on_joint=-way * torque,
         stiffness_nm_per_rad=stiffness,
-        wall_rad=float(arm.q[joint]),
+        wall_rad=float(arm.q[joint - 1]),
         side=way,
     )
-    return f"joint {joint + 1} is pushed with {torque_nm:g} N·m against its motion; a wall before it has {stiffness:g} N·m/rad"
+    return f"joint {joint} is pushed with {torque:g} N·m against its motion; a wall before it has {stiffness:g} N·m/rad"
 
 
-def _clear(target: FaultTarget, _: dict[str, Any]) -> str:
-    if target.wire is not None:
-        target.wire.clear()
-    target.clear()
-    target.registers.inputs.release(NOBODY)
-    target.identity.restore()
-    target.registers.digital_inputs = 0
-    target.arm.contact = None
-    measurements = target.measurements
-    measurements.sensors.set_current_noise(target.settings.current_noise)
-    offset = measurements.sensors.faults.encoder_offset_rad
-    measurements.sensors.faults = SensorFaults(noise_factor=target.settings.current_noise)
+def _clear(parts: Parts) -> str:
+    if "clear" in parts.wire:
+        parts.wire["clear"]()
+    while parts.restore:
+        parts.restore.popitem()[1]()
+    parts.registers.inputs.release(NOBODY)
+    parts.identity.restore()
+    parts.registers.digital_inputs = 0
+    parts.arm.contact = None
+    sensors = parts.measurements.sensors
+    sensors.set_current_noise(parts.settings.current_noise)
+    offset = sensors.faults.encoder_offset_rad
+    sensors.faults = SensorFaults(noise_factor=parts.settings.current_noise)
     if offset is not None:
-        _shift_encoders(target, -offset)
+        _shift_encoders(parts, -offset)
     return "every lasting fault is over"
 
 
-ACTIONS: dict[str, Callable[[FaultTarget, dict[str, Any]], str]] = {  # the other faults are those of the wire
-    "registers_in_use": _registers_in_use,
-    "version": _version,
-    "not_found": _not_found,
-    "remote": _remote,
-    "manual_mode": _manual_mode,
-    "digital_input": _digital_input,
-    "program_stop": _program_stop,
-    "protective_stop": _protective_stop,
-    "safeguard_stop": _safeguard_stop,
-    "emergency_stop": _emergency_stop,
-    "emergency_release": _emergency_release,
-    "temperatures_frozen": _temperatures_frozen,
-    "temperature_glitch": _temperature_glitch,
-    "current_stuck": _current_stuck,
-    "encoder_offset": _encoder_offset,
-    "current_noise": _current_noise,
-    "obstacle": _obstacle,
-    "clear": _clear,
-    **INTERFERENCE,
+EFFECTS: dict[str, Effect] = {
+    effect.__name__.removeprefix("_"): effect
+    for effect in (
+        *(_foreign_program, _teach_button, _speed_slider, _tcp_changed, _payload_changed, _wrist_turned, _reduced, _stuck, _brake),
+        *(_watchdog_dead, _clock_jump, _registers_in_use, _version, _not_found, _remote, _manual_mode, _digital_input, _program_stop),
+        *(_protective_stop, _safeguard_stop, _emergency_stop, _emergency_release, _temperatures_frozen, _temperature_glitch),
+        *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear),
+    )
 }

@@ -1,9 +1,8 @@
 """Safety and power of a controller: protective stop, emergency stop, power, and the supervision of the arm."""
 
-import re
-
 import numpy as np
 
+from monitor.simulate.machine.journal import ErrorMessage, SafetyMessage
 from monitor.simulate.machine.machine import Machine
 from monitor.simulate.machine.state import DEVIATES, ErrorCode, RobotMode, Runtime, SafetyMode
 from monitor.simulate.program.runner import Programs
@@ -27,29 +26,33 @@ class Safety:
         if self._resume_at_s is not None and machine.clock.now_s >= self._resume_at_s:
             self.close_safeguard()
         if modes.robot == RobotMode.RUNNING and modes.unstopped:
-            reason = machine.limits.broken(machine.reference.q, machine.measurements.encoder_q, machine.arm.torque_nm)
-            if reason:
-                self.protective_stop(reason)
+            broken = machine.limits.broken(machine.reference.q, machine.measurements.encoder_q, machine.arm.torque_nm)
+            if broken:
+                self.protective_stop(broken.text, joint=broken.joint)
         if machine.journal.has_open_stops and machine.standing:
             machine.journal.close_stops()
             if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
-                self._power_off()
+                self.power_off()
 
     @property
     def deviation_ratio(self) -> float:
         """Following error divided by the one that leads to a protective stop."""
         return self._machine.limits.deviation_ratio(self._machine.reference.q, self._machine.measurements.encoder_q)
 
-    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES, *, runtime: str | None = None) -> None:
-        """Halt the arm. `runtime` says what becomes of the program: "paused", "stopped" or "playing"; None means as in the settings."""
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES, joint: int | None = None, *, runtime: str | None = None) -> None:
+        """Halt the arm.
+
+        joint : that noticed it, from 1; None means that which is farthest from its target. runtime : what becomes of the program,
+        "paused", "stopped" or "playing"; None means as in the settings.
+        """
         machine, modes = self._machine, self._machine.modes
         if not modes.unstopped:
             return
-        modes.enter_stop(SafetyMode.PROTECTIVE_STOP)
+        self._set(SafetyMode.PROTECTIVE_STOP)
         self._protected_at_s = machine.clock.now_s
         machine.journal.stop("protective_stop", reason)
-        machine.journal.safety_message(modes.safety)
-        machine.journal.error_message(reason, code, self._joint_of(reason) if code == DEVIATES else 0)
+        farthest = int(np.argmax(np.abs(machine.reference.q - machine.measurements.encoder_q)))
+        machine.journal.tell(ErrorMessage, reason, code, 0 if code != DEVIATES else farthest if joint is None else joint - 1)
         if self._programs.current is not None:
             runtime = runtime or machine.settings.protective_runtime
             if runtime == "stopped":
@@ -57,23 +60,15 @@ class Safety:
             else:
                 machine.moves.interrupt()
                 if runtime == "paused":
-                    modes.pause()
+                    modes.runtime = Runtime.PAUSED
         machine.reference.stop(SAFETY_STOP_RAD_S2)
-
-    def _joint_of(self, reason: str) -> int:
-        """The joint (from 0) that noticed it: the one that the reason names, else that which is farthest from its target."""
-        named = re.search(r"\bjoint (\d)", reason)
-        if named is not None:
-            return int(named[1]) - 1
-        return int(np.argmax(np.abs(self._machine.reference.q - self._machine.measurements.encoder_q)))
 
     def unlock(self, *, after_s: float = UNLOCK_AFTER_S) -> bool:
         """End a protective stop. Returns False if there is none, or it began less than `after_s` ago."""
         machine, modes = self._machine, self._machine.modes
         if modes.safety != SafetyMode.PROTECTIVE_STOP or machine.clock.now_s - self._protected_at_s < after_s:
             return False
-        modes.end_stop()
-        machine.journal.safety_message(modes.safety)
+        self._set(SafetyMode.NORMAL)
         machine.limits.reset(machine.measurements.encoder_q)
         self._hold_where_the_arm_is()
         if modes.runtime == Runtime.PLAYING:
@@ -85,14 +80,13 @@ class Safety:
         machine, modes = self._machine, self._machine.modes
         if not modes.unstopped:
             return
-        modes.enter_stop(SafetyMode.SAFEGUARD_STOP)
+        self._set(SafetyMode.SAFEGUARD_STOP)
         machine.journal.stop("safeguard_stop", "the safeguard is open")
-        machine.journal.safety_message(modes.safety)
         self._resume_at_s = machine.clock.now_s + seconds if seconds > 0.0 else None
         self._resumes = modes.runtime == Runtime.PLAYING
         if self._resumes:
             machine.moves.interrupt()
-            modes.pause()
+            modes.runtime = Runtime.PAUSED
         machine.reference.stop(SAFETY_STOP_RAD_S2)
 
     def close_safeguard(self) -> None:
@@ -101,10 +95,9 @@ class Safety:
         self._resume_at_s = None
         if modes.safety != SafetyMode.SAFEGUARD_STOP:
             return
-        modes.end_stop()
-        machine.journal.safety_message(modes.safety)
+        self._set(SafetyMode.NORMAL)
         if self._resumes and modes.runtime == Runtime.PAUSED:
-            modes.play()
+            modes.runtime = Runtime.PLAYING
             machine.moves.resume()
 
     def emergency_stop(self) -> None:
@@ -114,16 +107,15 @@ class Safety:
             return
         self._programs.stop("emergency stop", kind="emergency_stop", by="safety")
         machine.journal.stop("emergency_stop", "the button was pressed")
-        modes.enter_stop(SafetyMode.ROBOT_EMERGENCY_STOP)
-        machine.journal.safety_message(modes.safety)
+        self._set(SafetyMode.ROBOT_EMERGENCY_STOP)
         machine.reference.stop(SAFETY_STOP_RAD_S2)
 
     def release_emergency_stop(self) -> None:
         """Pull the emergency stop button out again. The power stays off."""
         modes = self._machine.modes
         if modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
-            self._power_off()
-            modes.end_stop()
+            self.power_off()
+            modes.safety = SafetyMode.NORMAL
 
     def power(self, mode: RobotMode) -> bool:
         """Do what "power on" (IDLE), "brake release" (RUNNING) or "power off" (POWER_OFF) asks; False if impossible.
@@ -133,7 +125,7 @@ class Safety:
         modes = self._machine.modes
         if mode == RobotMode.POWER_OFF:
             self._programs.stop("power off", by="power")
-            self._power_off()
+            self.power_off()
         elif modes.safety == SafetyMode.ROBOT_EMERGENCY_STOP:
             return False
         elif mode == RobotMode.RUNNING:
@@ -141,28 +133,30 @@ class Safety:
                 return True  # the brakes are open: a motion goes on
             self._machine.arm.powered = True
             self._hold_where_the_arm_is()
-            modes.set_power(RobotMode.RUNNING)
+            modes.robot = RobotMode.RUNNING
         elif modes.robot == RobotMode.POWER_OFF:
-            modes.set_power(RobotMode.IDLE)
+            modes.robot = RobotMode.IDLE
             self._machine.arm.powered = True
         return True
 
     def lose_power(self) -> None:
         """The main switch is off: the brakes close, and the program is gone without a word."""
-        self._power_off()
+        self.power_off()
         self._machine.journal.logbook.cut()
-        self._machine.modes.end_program()
+        self._machine.modes.runtime = Runtime.STOPPED
 
-    def start_without_power(self) -> None:
-        """Begin as a controller does that has just been started: brakes closed, power off."""
-        self._power_off()
+    def _set(self, mode: SafetyMode) -> None:
+        """Change the safety mode, and tell it."""
+        self._machine.modes.safety = mode
+        self._machine.journal.tell(SafetyMessage, mode)
 
-    def _power_off(self) -> None:
+    def power_off(self) -> None:
+        """Close the brakes and switch the drives off."""
         arm = self._machine.arm
         arm.brake()
         arm.powered = False
         self._hold_where_the_arm_is()
-        self._machine.modes.set_power(RobotMode.POWER_OFF)
+        self._machine.modes.robot = RobotMode.POWER_OFF
 
     def _hold_where_the_arm_is(self) -> None:
         machine = self._machine

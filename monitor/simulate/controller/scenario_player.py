@@ -2,32 +2,17 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from monitor.model.robot import Mounting
 from monitor.simulate.arm.friction import REFERENCE_C, VISCOUS_SHARE_OF_WEAR, FrictionLaw, rated_revolutions_an_hour
-from monitor.simulate.arm.physics import Arm
-from monitor.simulate.controller.faults import FaultTarget, inject
-from monitor.simulate.machine.identity import Identity
-from monitor.simulate.machine.machine import Installation
+from monitor.simulate.controller.faults import Parts, inject
 from monitor.simulate.machine.state import Clock
 from monitor.simulate.scenario import DAY_S, Scenario, ScenarioEvent, Work
 
 WEAR_QUOTED_AT_RAD_S = 1.0  # `percent_a_month` refers to the friction at this speed, at 25 °C and without load
 LEAP_S = 600.0  # largest step of a leap in time; the temperature of the room hardly changes within it
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScenarioTarget:
-    """What a scenario acts on: one arm and parts of its controller."""
-
-    arm: Arm
-    clock: Clock
-    identity: Identity
-    installation: Installation
-    faults: FaultTarget
 
 
 class ScenarioPlayer:
@@ -39,17 +24,17 @@ class ScenarioPlayer:
         self.happened: list[str] = []  # a line for each event
         self._due = deque(scenario.events)
 
-    def advance(self, lived_s: float, target: ScenarioTarget, *, ambient_c: float | None = None) -> None:
+    def advance(self, lived_s: float, parts: Parts, *, ambient_c: float | None = None) -> None:
         """Let the events up to this age happen, and set the temperature of the room. A given temperature replaces the scenario's."""
         self.lived_s = lived_s
-        for event in self._due_now(target.clock):
+        for event in self._due_now(parts.clock):
             self.happened.append(f"day {event.at_s / DAY_S:g}: {event.do} {_arguments(event)}")
-            _happen(event, self.scenario.production, target)
+            _happen(event, self.scenario.production, parts)
         room = self.scenario.room
         if ambient_c is not None:
-            target.arm.ambient_c = ambient_c
+            parts.arm.ambient_c = ambient_c
         elif room is not None:
-            target.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
+            parts.arm.ambient_c = room.at(self.scenario.started_s + lived_s)
 
     def _due_now(self, clock: Clock) -> Iterator[ScenarioEvent]:
         """The events that are due. Faults at the age of zero wait for the first control period, when all parts exist."""
@@ -62,17 +47,17 @@ class ScenarioPlayer:
                 yield event
         self._due.extendleft(reversed(waiting))
 
-    def leap(self, target: ScenarioTarget, seconds: float, ambient_c: float | None, duty: float | None) -> None:
+    def leap(self, parts: Parts, seconds: float, ambient_c: float | None, duty: float | None) -> None:
         """Let time pass without computing motion. None for the temperature or the duty means as in the scenario."""
-        arm, clock = target.arm, target.clock
+        arm, clock = parts.arm, parts.clock
         while seconds > 1e-6:
             now_s = clock.lived_s
-            self.advance(now_s, target, ambient_c=ambient_c)
+            self.advance(now_s, parts, ambient_c=ambient_c)
             slice_s = min(LEAP_S, seconds, max(self.next_event_s - now_s, 1e-3))
             arm.pass_time(slice_s / 3600.0, arm.ambient_c, self.duty(now_s) if duty is None else duty)
             clock.leap(slice_s)
             seconds -= slice_s
-        self.advance(clock.lived_s, target, ambient_c=ambient_c)
+        self.advance(clock.lived_s, parts, ambient_c=ambient_c)
 
     def duty(self, lived_s: float) -> float:
         """The share of time in which the arm moves, at this age."""
@@ -88,8 +73,8 @@ def _arguments(event: ScenarioEvent) -> str:
     return " ".join(f"{key}={value}" for key, value in event.arguments.items())
 
 
-def _happen(event: ScenarioEvent, work: Work, target: ScenarioTarget) -> None:
-    arm, given, installation = target.arm, event.arguments, target.installation
+def _happen(event: ScenarioEvent, work: Work, parts: Parts) -> None:
+    arm, given, installation = parts.arm, event.arguments, parts.installation
     joint = int(given.get("joint", 1)) - 1
     match event.do:
         case "wear":
@@ -101,7 +86,7 @@ def _happen(event: ScenarioEvent, work: Work, target: ScenarioTarget) -> None:
             arm.regrease(joint, given["recovery"])
         case "replace_joint":
             arm.replace_joint(joint, given["friction_factor"])
-            target.identity.joint_serials[joint] = given["serial"]
+            parts.identity.joint_serials[joint] = given["serial"]
         case "payload":
             arm.carry(payload_kg=given["kg"], declared=False)
             if given["told"]:
@@ -116,7 +101,7 @@ def _happen(event: ScenarioEvent, work: Work, target: ScenarioTarget) -> None:
             else:
                 installation.declare()
         case "fault":
-            inject(given["fault"], dict(given["with"]), target.faults)
+            inject(given["fault"], dict(given["with"]), parts)
 
 
 def wear_per_revolution(law: FrictionLaw, work: Work, joint: int, growth_a_month: float) -> float:

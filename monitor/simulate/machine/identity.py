@@ -4,7 +4,6 @@ A controller answers `NOT_FOUND` to a variable of a newer version. Where the gui
 """
 
 import re
-from collections.abc import Iterable
 from typing import NamedTuple
 
 from monitor.errors import BadInput
@@ -151,18 +150,6 @@ class Identity:
         self.joint_serials = [f"{settings.serial}-{i + 1}" for i in range(settings.arm.joints)]
         self.missing_outputs: set[str] = set()  # a fault hides these output variables
 
-    def report_version(self, version: Version) -> None:
-        """Report another version of PolyScope than the one that runs."""
-        self.reported_version = version
-
-    def hide_outputs(self, names: Iterable[str]) -> None:
-        """Deny that these output variables exist."""
-        self.missing_outputs.update(names)
-
-    def set_remote_control(self, on: bool) -> None:
-        """Switch between remote and local control."""
-        self.remote_control = on
-
     def set_manual(self, on: bool) -> None:
         """Switch between manual and automatic mode at the pendant. Remote control is only possible in automatic mode."""
         self.operational_mode = "MANUAL" if on else "AUTOMATIC"
@@ -173,10 +160,6 @@ class Identity:
     def local(self) -> bool:
         """Whether the pendant has taken control: commands over the network are then refused. A CB3 has no such mode."""
         return not self.remote_control and self._polyscope.major >= 5
-
-    def clear_operational_mode(self) -> None:
-        """The dashboard no longer sets the operational mode."""
-        self.operational_mode = "NONE"
 
     def take_over(self, before: "Identity") -> None:
         """Keep what a restart does not change: the joints in the arm."""

@@ -5,6 +5,7 @@ Times are on the controller's own clock, which begins again when the controller 
 
 import logging
 from collections import deque
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -241,22 +242,6 @@ class Journal:
             stop.stood_at_s = self._clock.now_s
         self._open = []
 
-    def program_message(self, title: str, text: str) -> None:
-        """Report that a program started or stopped."""
-        self.messages.append(ProgramMessage(self._clock.now_s, title, text))
-
-    def exception_message(self, text: str, line: int = 1, column: int = 1) -> None:
-        """Report a runtime exception, or a script that cannot be compiled, with its place in the script."""
-        self.messages.append(ExceptionMessage(self._clock.now_s, text, line, column))
-
-    def text_message(self, text: str) -> None:
-        """Report what a program wrote into the log."""
-        self.messages.append(TextMessage(self._clock.now_s, text))
-
-    def safety_message(self, mode: SafetyMode) -> None:
-        """Report a change of the safety mode."""
-        self.messages.append(SafetyMessage(self._clock.now_s, mode))
-
-    def error_message(self, text: str, code: ErrorCode = DEVIATES, argument: int = 0) -> None:
-        """Report the reason of a protective stop."""
-        self.messages.append(ErrorMessage(self._clock.now_s, text, code, argument))
+    def tell(self, kind: Callable[..., Message], *content: Any) -> None:
+        """Report a message of this kind on the primary port; its time is now."""
+        self.messages.append(kind(self._clock.now_s, *content))

@@ -162,10 +162,6 @@ class Watchdog:
         if self.variable in names:
             self.feed()
 
-    def revive(self) -> None:
-        """Expire again as asked."""
-        self.dead = False
-
     def clear(self) -> None:
         """Watch nothing."""
         self.variable, self.limit_s = None, math.inf

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import sub
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +26,13 @@ ENDLESS_WRIST = frozenset({"ur3", "ur3e"})  # their last joint turns without end
 WAY_BACK_RAD = 0.01  # how much farther out an arm may settle after it was unlocked beyond its range
 
 
+class Breach(NamedTuple):
+    """A limit that a joint has broken."""
+
+    joint: int  # from 1
+    text: str
+
+
 class Limits:
     """The limits of one arm. The controller calls `broken` in every control period."""
 
@@ -38,18 +46,20 @@ class Limits:
         self._slowest = min(self._max_speed)
         self._saturated_s = 0.0
 
-    def broken(self, target: Array, q: Array, torque_nm: Array) -> str:
-        """Check target, encoder position and drive torque, each (J,). Returns the reason for a protective stop, or an empty text."""
+    def broken(self, target: Array, q: Array, torque_nm: Array) -> Breach | None:
+        """Check target, encoder position and drive torque, each (J,). Returns the reason for a protective stop."""
         size, deviation = np.abs(torque_nm), np.abs(target - q)
         self._saturated_s = self._saturated_s + self._tick_s if True in (size >= self._robot.max_torque_nm).tolist() else 0.0
         if max(deviation.tolist()) > DEVIATION_MAX_RAD:
-            return f"joint {int(np.argmax(deviation)) + 1} is {deviation.max():.3f} rad from where it should be"
+            joint = int(np.argmax(deviation)) + 1
+            return Breach(joint, f"joint {joint} is {deviation.max():.3f} rad from where it should be")
         if self._saturated_s > SATURATED_MAX_S:
-            return f"the drive of joint {int(np.argmax(size / self._robot.max_torque_nm)) + 1} is at its torque limit"
+            joint = int(np.argmax(size / self._robot.max_torque_nm)) + 1
+            return Breach(joint, f"the drive of joint {joint} is at its torque limit")
         beyond = self.outside(q)
         if self._way_back is not None:
             if beyond and (np.abs(q) <= self._way_back).all():
-                return ""
+                return None
             self._way_back = None
         return beyond
 
@@ -62,25 +72,23 @@ class Limits:
         self._saturated_s = 0.0
         self._way_back = np.maximum(self._limit, np.abs(q) + WAY_BACK_RAD) if self.outside(q) else None
 
-    def outside(self, q: Array) -> str:
-        """Check joint positions (J,). Returns the first joint beyond its range with its position, or an empty text."""
+    def outside(self, q: Array) -> Breach | None:
+        """Check joint positions (J,). Returns the first joint beyond its range with its position."""
         beyond = (np.abs(q) > self._limit).tolist()
         if True not in beyond:
-            return ""
+            return None
         joint = beyond.index(True)
-        return f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self._robot.max_position_rad[joint]:.3f}"
+        return Breach(joint + 1, f"joint {joint + 1} at {q[joint]:.3f} rad is beyond ±{self._robot.max_position_rad[joint]:.3f}")
 
-    def jump(self, target: Sequence[float], before: Sequence[float], since_s: float) -> str:
-        """Check whether a servoj target (J,) is farther from the one before than the arm can have moved since.
-
-        Returns the joint and the distance, or an empty text.
-        """
+    def jump(self, target: Sequence[float], before: Sequence[float], since_s: float) -> Breach | None:
+        """The first joint whose servoj target is farther from the one before than it can have moved since; targets are (J,)."""
         if max(map(abs, map(sub, target, before))) <= DEVIATION_MAX_RAD + self._slowest * since_s:
-            return ""  # within the bound of the slowest joint
+            return None  # within the bound of the slowest joint
         for joint, (to, was, fastest) in enumerate(zip(target, before, self._max_speed, strict=True)):
             if not abs(to - was) <= DEVIATION_MAX_RAD + fastest * since_s:
-                return f"sudden change of the target of joint {joint + 1} by {abs(to - was):.3f} rad within {1000 * since_s:.0f} ms"
-        return ""
+                text = f"sudden change of the target of joint {joint + 1} by {abs(to - was):.3f} rad within {1000 * since_s:.0f} ms"
+                return Breach(joint + 1, text)
+        return None
 
 
 # --- Moves that a program asks for: each is checked against the limits of the arm and then given to the reference ---
@@ -146,9 +154,10 @@ class Moves:
         q = self.inverse(target, near) if move.pose else target
         if q is None:
             return f"no joint positions for the tool at {target.round(4).tolist()}"
-        obstacle = self._limits.outside(q)
-        if obstacle:
-            return obstacle
+        outside = self._limits.outside(q)
+        if outside:
+            return outside.text
+        obstacle = ""
         goal = se3(target) if move.pose else self._kinematics.at(target)
         if move.blend_m > 0.0 or self._reference.mode == path.MODE:
             obstacle = self._flow(goal, q, move)
@@ -185,7 +194,7 @@ class Moves:
     def _line_after_stop(self, goal: "pin.SE3", move: Move) -> None:
         obstacle = self._line(goal, move)
         if obstacle:
-            self._supervisor.stop_program(f"runtime exception: movel: {obstacle}")
+            self._supervisor.raise_exception(f"movel: {obstacle}")
 
     def _line(self, goal: "pin.SE3", move: Move) -> str:
         obstacle = motions.line(self._reference, self._kinematics, goal, move.speed, move.acceleration, self._robot.max_speed_rad_s)
@@ -212,7 +221,7 @@ class Moves:
         move, self.interrupted = self.interrupted, None
         obstacle = "" if move is None else self.start(move)
         if obstacle:
-            self._supervisor.stop_program(f"runtime exception: {obstacle}")
+            self._supervisor.raise_exception(obstacle)
 
     def stop(self, stop: StopMotion) -> None:
         """Make a stopj or a stopl. In a stopl the joints decelerate together, so that the tool has the given deceleration [m/s²]."""
@@ -233,11 +242,8 @@ class Moves:
             self._ask_tool_speed = motions.tool_speed(self._kinematics, self._reference, self._robot.max_speed_rad_s)
         self._ask_tool_speed(wanted, acceleration)
 
-    def sudden(self, target: Sequence[float]) -> str:
-        """Check whether a servoj target (J,) is farther from the last one than the arm can have moved.
-
-        Returns the joint and the distance, or an empty text.
-        """
+    def sudden(self, target: Sequence[float]) -> Breach | None:
+        """The first joint whose servoj target (J,) is farther from the last one than it can have moved."""
         before, since_s = self._servo_target, self._clock.now_s - self._servo_target_at_s
         if self._reference.mode != "servo" or before is None:
             before, since_s = self._reference.q.tolist(), self._clock.tick_s

@@ -10,8 +10,6 @@ The figures of `Recorded` come from public recordings:
   0.04–0.07 of it per rad/s; at rest it holds no friction
 """
 
-from typing import Protocol
-
 import numpy as np
 
 from monitor.model.robot import STANDARD_GRAVITY_M_S2, Robot
@@ -37,36 +35,8 @@ START_S = (0.004, 0.020)  # `speed_scaling` stays 0 for so long after a program'
 HELD_SHARE = np.array([-0.013, -0.014, -0.015, -0.009, 0.0, -0.008])
 
 
-class Personality(Protocol):
-    """What an arm publishes beside its motion."""
-
-    def start_s(self) -> float:
-        """For how long `speed_scaling` stays 0 after a program's start [s]."""
-
-    def held_nm(self) -> Array:
-        """(J,) torque beyond gravity with which the arm that was just switched on stands against its friction [N·m]."""
-
-    def accelerometer(self, at_rest: Array) -> Array:
-        """(3,) reading of the accelerometer where the ideal one shows `at_rest` [m/s²]."""
-
-    def target_friction_nm(self, target_qd: Array) -> Array:
-        """(J,) friction that the controller includes in `target_current` at these target speeds [N·m]."""
-
-    def voltages(self) -> Array:
-        """(8,) main voltage, robot voltage and the voltages of the joints [V]."""
-
-    def supply_a(self, drives_a: float) -> float:
-        """Current of the whole arm, where the drives draw `drives_a` [A]."""
-
-    def tool_force(self) -> Array:
-        """(6,) force and torque that the controller estimates at a tool that nothing touches [N, N·m]."""
-
-    def execution_ms(self) -> float:
-        """How long the controller computes in a control period [ms]."""
-
-
-class Ideal:
-    """An arm without idiosyncrasies: forces at the tool are zero, voltages constant, and the accelerometer shows gravity."""
+class Personality:
+    """What an arm publishes beside its motion. This one is ideal: no forces at the tool, constant voltages, an exact accelerometer."""
 
     def __init__(self, robot: Robot) -> None:
         self._nothing = np.zeros(robot.joints)
@@ -74,42 +44,43 @@ class Ideal:
         self._execution_ms = 250.0 / robot.rate_hz
 
     def start_s(self) -> float:
-        """No time at all."""
+        """For how long `speed_scaling` stays 0 after a program's start [s]."""
         return 0.0
 
     def held_nm(self) -> Array:
-        """(J,) zeros."""
+        """(J,) torque beyond gravity with which the arm that was just switched on stands against its friction [N·m]."""
         return self._nothing
 
     def accelerometer(self, at_rest: Array) -> Array:
-        """(3,) the same."""
+        """(3,) reading of the accelerometer where an ideal one shows `at_rest` [m/s²]."""
         return at_rest
 
-    def target_friction_nm(self, target_qd: Array) -> Array:  # noqa: ARG002 - the protocol's signature
-        """(J,) zeros."""
+    def target_friction_nm(self, target_qd: Array) -> Array:  # noqa: ARG002 - `Recorded` reads it
+        """(J,) friction that the controller includes in `target_current` at these target speeds [N·m]."""
         return self._nothing
 
     def voltages(self) -> Array:
-        """(8,) of the supply."""
+        """(8,) main voltage, robot voltage and the voltages of the joints [V]."""
         return self._voltages
 
     def supply_a(self, drives_a: float) -> float:
-        """Electronics and drives."""
+        """Current of the whole arm, where the drives draw `drives_a` [A]."""
         return ELECTRONICS_A + drives_a
 
     def tool_force(self) -> Array:
-        """(6,) zeros."""
+        """(6,) force and torque that the controller estimates at a tool that nothing touches [N, N·m]."""
         return self._nothing
 
     def execution_ms(self) -> float:
-        """A quarter of the control period."""
+        """How long the controller computes in a control period [ms]."""
         return self._execution_ms
 
 
-class Recorded:
+class Recorded(Personality):
     """An arm as recorded. The numbers are drawn from the seed, apart from the noise of the sensors."""
 
     def __init__(self, robot: Robot, seed: int) -> None:
+        super().__init__(robot)
         self._max_nm = robot.max_torque_nm
         self._joints = robot.joints
         self._dice = np.random.default_rng([seed, 20])  # a stream of its own
@@ -156,4 +127,4 @@ class Recorded:
 
 def personality_of(settings: SimulateSettings) -> Personality:
     """The personality that the settings name."""
-    return Recorded(settings.arm, settings.seed) if settings.personality == "recorded" else Ideal(settings.arm)
+    return Recorded(settings.arm, settings.seed) if settings.personality == "recorded" else Personality(settings.arm)

@@ -121,48 +121,15 @@ class Modes:
         """Whether the drives are on and no safety stop is active."""
         return not self.obstacle
 
-    def play(self) -> None:
-        """The program plays."""
-        self.runtime = Runtime.PLAYING
-
-    def pause(self) -> None:
-        """The program is paused."""
-        self.runtime = Runtime.PAUSED
-
-    def end_program(self) -> None:
-        """No program is running."""
-        self.runtime = Runtime.STOPPED
-
-    def enter_stop(self, stop: SafetyMode) -> None:
-        """A protective or an emergency stop is active."""
-        self.safety = stop
-
-    def end_stop(self) -> None:
-        """No safety stop is active."""
-        self.safety = SafetyMode.NORMAL
-
-    def end_reduced(self) -> None:
-        """The safety mode is normal again, unless a stop is active."""
-        if self.safety == SafetyMode.REDUCED:
-            self.safety = SafetyMode.NORMAL
-
-    def release_teach_button(self) -> None:
-        """The freedrive button is not held."""
-        self.teach_button = False
-
-    def set_power(self, mode: RobotMode) -> None:
-        """The drives are off, on with closed brakes, or running."""
-        self.robot = mode
-
 
 class Supervisor(Protocol):
     """What a part may ask of its controller: end the program, or stop the arm."""
 
-    def stop_program(self, reason: str, *, kind: str = "program_stop") -> bool:
-        """End the program. Returns False if no program was running."""
+    def raise_exception(self, text: str) -> None:
+        """End the program by a runtime exception."""
 
-    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES) -> None:
-        """Halt the arm in a protective stop, which is reported with this code."""
+    def protective_stop(self, reason: str, code: ErrorCode = DEVIATES, joint: int | None = None) -> None:
+        """Halt the arm in a protective stop, which is reported with this code. joint : that noticed it, from 1; None: any."""
 
     def acknowledge(self) -> None:
         """Unlock a protective stop and let the program play on, as a person does at the pendant."""

@@ -15,9 +15,9 @@ from monitor.simulate.arm.kinematics import se3
 from monitor.simulate.machine.machine import Machine
 from monitor.simulate.machine.moves import Move, StopMotion
 from monitor.simulate.machine.state import Runtime
-from monitor.simulate.program import queries
-from monitor.simulate.program.player import Player, follow, joint_speed, tool_speed
-from monitor.simulate.program.queries import UntilContact
+from monitor.simulate.program.interpreter import FUNCTIONS, Pose, Value
+from monitor.simulate.program.player import Player, Program, follow, joint_speed, tool_speed
+from monitor.simulate.program.queries import DECLARATIONS, UntilContact
 from monitor.simulate.program.scripts import ControlScript
 
 log = logging.getLogger(__name__)
@@ -42,15 +42,40 @@ NOT_SIMULATED = {  # commands that ur-rtde has and this controller refuses
     70: "getJacobian",
     71: "getJacobianTimeDerivative",
 }
+DECLARED = {17: ("set_payload", 4), 29: ("set_tcp", 6), 59: ("set_gravity", 3), 65: ("set_target_payload", 10)}  # with their figures
+ASKED = {  # number of a command → the function of URScript that it asks for, and how many vectors it takes
+    25: ("tool_contact", 0),
+    26: ("get_steptime", 0),
+    27: ("get_actual_joint_positions_history", 0),
+    28: ("get_target_waypoint", 0),
+    30: ("get_inverse_kin", 2),
+    36: ("is_within_safety_limits", 1),
+    37: ("is_within_safety_limits", 1),
+    38: ("get_joint_torques", 0),
+    39: ("pose_trans", 2),
+    40: ("get_tcp_offset", 0),
+    43: ("get_actual_tcp_pose", 0),
+    44: ("get_forward_kin", 2),
+    46: ("get_inverse_kin", 1),
+    47: ("is_steady", 0),
+    54: ("get_freedrive_status", 0),
+    58: ("get_actual_tool_flange_pose", 0),
+    60: ("get_inverse_kin_has_solution", 1),
+    61: ("get_inverse_kin_has_solution", 2),
+    63: ("tool_contact", 0),
+    64: ("tool_contact", 0),
+    69: ("get_target_joint_accelerations", 0),
+}
+POSITIONS_BEFORE, POSE_WITHIN = 27, 36  # the one takes a whole number, the other a pose
 PACKETS_MAX = 16  # servoj targets kept within one control period
 
 
-class ControlProgram:
+class ControlProgram(Program):
     """ur-rtde's control script, running."""
 
     def __init__(self, script: ControlScript, machine: Machine) -> None:
         self.command_register = f"input_int_register_{script.int_offset}"  # the watchdog listens to this register
-        self._machine, self._call = machine, queries.Call(machine, script.int_offset, script.double_offset)
+        self._machine, self._int_offset, self._double_offset = machine, script.int_offset, script.double_offset
         self._path = script.path
         self._executing = False
         self._blocking: Callable[[], bool] | None = None  # tells whether the motion is over that blocks the script
@@ -62,15 +87,32 @@ class ControlProgram:
         self._write(0, READY)
 
     # --- registers ----------------------------------------------------------------------------------------------
-    def _write(self, index: int, value: int) -> None:
-        self._machine.registers.output_ints[self._call.int_offset + index] = value
+    def _integer(self, index: int) -> int:
+        """One integer argument; the first is the number of the command."""
+        return self._machine.registers.inputs.ints[self._int_offset + index]
 
-    def _write_result(self, result: queries.Result) -> None:
-        if isinstance(result, bool | int):
-            self._write(1, int(result))
-        elif result is not None:
-            at = self._call.double_offset
-            self._machine.registers.output_doubles[at : at + len(result)] = [float(value) for value in result]
+    def _vector(self, index: int = 0, length: int = 6) -> list[float]:
+        """Consecutive double arguments, from `index` on."""
+        at = self._double_offset + index
+        return self._machine.registers.inputs.doubles[at : at + length]
+
+    def _write(self, index: int, value: int) -> None:
+        self._machine.registers.output_ints[self._int_offset + index] = value
+
+    def _answer(self, command: int) -> None:
+        """Call the function of URScript that a command stands for, and write its value. Raises ValueError for impossible arguments."""
+        name, vectors = ASKED[command]
+        arguments: list[Value] = [self._vector(6 * k) for k in range(vectors)]
+        if command == POSITIONS_BEFORE:
+            arguments = [self._integer(1)]
+        elif command == POSE_WITHIN:
+            arguments = [Pose(*arguments)]
+        value = FUNCTIONS[name](self._machine, *arguments)
+        if isinstance(value, int):
+            self._write(1, int(value))
+            return
+        values = value if isinstance(value, list) else [value]
+        self._machine.registers.output_doubles[self._double_offset : self._double_offset + len(values)] = map(float, values)
 
     def _write_progress(self, value: int) -> None:
         """Write output integer 2; −1 means that the motion has ended.
@@ -86,8 +128,8 @@ class ControlProgram:
     # --- one pass of the loop -----------------------------------------------------------------------------------
     def received(self) -> None:
         """Note that a packet with the command register arrived. Every servoj target counts, not only the last of a control period."""
-        if self._call.integer(0) == SERVO_J and len(self._packets) < PACKETS_MAX:
-            self._packets.append(self._call.vector())
+        if self._integer(0) == SERVO_J and len(self._packets) < PACKETS_MAX:
+            self._packets.append(self._vector())
 
     def step(self) -> bool:
         """Run one pass of the script's loop. Returns False when the script has ended."""
@@ -102,7 +144,7 @@ class ControlProgram:
             self._write_progress(-1)
         if self._ended:  # by a step of a path that the arm cannot make
             return True
-        command = self._call.integer(0)
+        command = self._integer(0)
         if command == END:
             return False
         if command in REALTIME:
@@ -123,12 +165,12 @@ class ControlProgram:
         return self._machine.modes.runtime == Runtime.STOPPED
 
     def _raise(self, reason: str) -> None:
-        self._machine.supervisor.stop_program(f"runtime exception: {reason}")
+        self._machine.supervisor.raise_exception(reason)
 
     # --- commands -----------------------------------------------------------------------------------------------
     def _realtime(self, command: int, packets: list[list[float]]) -> None:
-        if command in queries.REALTIME:
-            self._write_result(queries.REALTIME[command](self._call))
+        if command in ASKED:
+            self._answer(command)
         elif not self._machine.modes.may_move:  # in a protective stop the program may play on, but the arm stands
             return
         elif command in (SERVO_J, SERVO_L):
@@ -143,8 +185,8 @@ class ControlProgram:
     def _servo(self, command: int, packets: list[list[float]]) -> bool:
         """Give the targets of servoj or servol to the reference. Returns False if they lead to a protective stop."""
         machine, reference = self._machine, self._machine.reference
-        time_s, lookahead_s, gain = self._call.vector(8, 3)
-        targets = packets or ([self._call.vector()] if reference.mode != "servo" or command == SERVO_L else [])
+        time_s, lookahead_s, gain = self._vector(8, 3)
+        targets = packets or ([self._vector()] if reference.mode != "servo" or command == SERVO_L else [])
         if command == SERVO_L and np.isfinite(targets[-1]).all():  # `follow` refuses others
             found = machine.moves.inverse(np.array(targets[-1]))
             if found is None:
@@ -155,11 +197,10 @@ class ControlProgram:
 
     def _speed(self, command: int) -> None:
         """Give the speed of speedj or speedl to the reference."""
-        (joint_speed if command == SPEED_J else tool_speed)(self._machine, np.array(self._call.vector()), self._call.vector(6, 1)[0])
+        (joint_speed if command == SPEED_J else tool_speed)(self._machine, np.array(self._vector()), self._vector(6, 1)[0])
 
     def _once(self, command: int) -> None:
-        machine, call = self._machine, self._call
-        first = call.vector(0, 1)[0]
+        machine, first = self._machine, self._vector(0, 1)[0]
         match command:
             case 1 | 2 | 3 | 4:  # moveJ, moveJ_IK, moveL, moveL_FK
                 self._move(command)
@@ -169,9 +210,9 @@ class ControlProgram:
                 self._motion(lambda: machine.moves.over, asynchronous=False)
             case 33 | 34:  # stopL, stopJ
                 machine.moves.stop(StopMotion(first if math.isfinite(first) else 2.0, straight=command == 33))
-                self._motion(lambda: machine.moves.over, asynchronous=call.integer(1) == 1)
+                self._motion(lambda: machine.moves.over, asynchronous=self._integer(1) == 1)
             case 45:  # movePath
-                self._motion(Player(self._path, machine, self._write_progress).over, asynchronous=call.integer(1) == 1)
+                self._motion(Player(self._path, machine, self._write_progress).over, asynchronous=self._integer(1) == 1)
             case 7 | 8 | 19 | 53 | 62:  # ends of modes that never began, zeroFtSensor and startContactDetection: there is nothing to do
                 pass
             case 41:  # jogStart
@@ -180,7 +221,7 @@ class ControlProgram:
                 machine.moves.stop(StopMotion(JOG_STOP_M_S2, straight=True))
                 self._motion(lambda: machine.moves.over, asynchronous=False)
             case 51:  # moveUntilContact
-                self._motion(UntilContact(machine, np.array(call.vector()), call.vector(12, 1)[0]).over, asynchronous=False)
+                self._motion(UntilContact(machine, np.array(self._vector()), self._vector(12, 1)[0]).over, asynchronous=False)
             case 31:  # triggerProtectiveStop
                 machine.supervisor.protective_stop("asked for by the program")
             case 35:  # setWatchdog
@@ -188,20 +229,21 @@ class ControlProgram:
                     machine.watchdog.watch(self.command_register, first)
                 else:
                     self._raise(f"rtde_set_watchdog: {first:g} Hz; expected more than 0")
-            case _ if command in queries.ONCE:
+            case _ if command in DECLARED or command in ASKED:
                 try:
-                    result = queries.ONCE[command](call)
-                except queries.ImpossibleArguments as wrong:
+                    if command in ASKED:
+                        self._answer(command)
+                    else:
+                        name, figures = DECLARED[command]
+                        DECLARATIONS[name](machine, self._vector(0, figures))
+                except ValueError as wrong:
                     self._raise(str(wrong))
-                else:
-                    self._write_result(result)
             case _:
                 self._refuse(command)
 
     def _jog(self) -> None:
         """Move the tool at a speed along the axes of the base, the tool or another frame, until jogStop."""
-        machine, call = self._machine, self._call
-        figures = call.vector(0, 14)
+        machine, figures = self._machine, self._vector(0, 14)
         if not all(map(math.isfinite, figures)):
             self._raise("jogStart: expected finite figures")
             return
@@ -211,13 +253,13 @@ class ControlProgram:
             tool_speed(machine, np.concatenate((rotation @ figures[:3], rotation @ figures[3:6])), figures[7])
 
     def _move(self, command: int) -> None:
-        speed, acceleration = self._call.vector(6, 2)
-        move = Move(tuple(self._call.vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration)
+        speed, acceleration = self._vector(6, 2)
+        move = Move(tuple(self._vector()), pose=command in (2, 3), straight=command in (3, 4), speed=speed, acceleration=acceleration)
         obstacle = self._machine.moves.start(move)
         if obstacle:
             self._raise(f"{'moveL' if move.straight else 'moveJ'}: {obstacle}")
         else:
-            self._motion(lambda: self._machine.moves.over, asynchronous=self._call.integer(1) == 1)
+            self._motion(lambda: self._machine.moves.over, asynchronous=self._integer(1) == 1)
 
     def _motion(self, over: Callable[[], bool], *, asynchronous: bool) -> None:
         """Wait for a motion that has started; `over` tells whether it has ended."""

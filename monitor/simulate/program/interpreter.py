@@ -4,7 +4,7 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Generator, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +37,6 @@ class Pose(list[Value]):
     is_pose = True
 
 
-class Callee(NamedTuple):
-    """A function, and whether it asks for the state of the controller."""
-
-    call: Callable[..., Value]
-    asks: bool
-
-
 def evaluated(operation: Callable[[Any, Any], Any], a: Value, b: Value) -> Value:
     """The result of an operation. Lists are added element by element, and multiplied by numbers.
 
@@ -72,7 +65,10 @@ def _norm(_: Machine | None, value: Value) -> float:
     return math.hypot(*map(float, value)) if isinstance(value, list) else abs(float(value))
 
 
-def _solution(machine: Machine, pose: Value, near: Value) -> np.ndarray | None:
+def _solution(machine: Machine, pose: Value, near: Value = None, *_: Value) -> np.ndarray | None:
+    """(6,) joint positions for a pose; None where there are none, or a figure is not finite."""
+    if not np.isfinite([*pose, *(near or ())]).all():
+        return None
     return machine.moves.inverse(_figures(pose), None if near is None else _figures(near))
 
 
@@ -115,7 +111,7 @@ def _bit(machine: Machine, first: int, count: int, number: Value) -> bool:
     return bool(machine.registers.digital_inputs >> (first + int(number)) & 1)
 
 
-PURE: dict[str, Callable[..., Value]] = {
+PURE: dict[str, Callable[..., Value]] = {  # functions of URScript, called with the machine first; these do not ask it
     "norm": _norm,
     "length": lambda _, value: len(value),
     "get_list_length": lambda _, value: len(value),
@@ -155,8 +151,9 @@ def _pose_add(first: np.ndarray, second: np.ndarray) -> list[float]:
 
 def _within(machine: Machine, target: Value) -> bool:
     """is_within_safety_limits of a pose or of joint positions."""
-    figures = _figures(target)
-    return machine.moves.inverse(figures) is not None if getattr(target, "is_pose", False) else not machine.limits.outside(figures)
+    if getattr(target, "is_pose", False):
+        return _solution(machine, target) is not None
+    return bool(np.isfinite(target).all()) and not machine.limits.outside(_figures(target))
 
 
 ASKING: dict[str, Callable[..., Value]] = {
@@ -173,7 +170,7 @@ ASKING: dict[str, Callable[..., Value]] = {
     "get_target_tcp_speed": lambda machine: machine.kinematics.speed(machine.reference.q, machine.reference.qd).tolist(),
     "get_actual_tool_flange_pose": lambda machine: Pose(queries.flange_pose(machine).tolist()),
     "get_target_waypoint": lambda machine: Pose(queries.waypoint(machine).tolist()),
-    "get_inverse_kin_has_solution": lambda machine, pose, near=None, *_: _solution(machine, pose, near) is not None,
+    "get_inverse_kin_has_solution": lambda *asked: _solution(*asked) is not None,
     "is_within_safety_limits": _within,
     "get_joint_torques": lambda machine: queries.external_torque(machine).tolist(),
     "get_target_joint_accelerations": lambda machine: machine.reference.qdd.tolist(),
@@ -194,10 +191,7 @@ ASKING: dict[str, Callable[..., Value]] = {
         for kind, first, count in (("standard", 0, 8), ("configurable", 8, 8), ("tool", 16, 2))
     },
 }
-FUNCTIONS: dict[str, Callee] = {
-    **{name: Callee(call, asks=False) for name, call in PURE.items()},
-    **{name: Callee(call, asks=True) for name, call in ASKING.items()},
-}
+FUNCTIONS = PURE | ASKING
 
 
 # --- Runs a parsed program: it yields the steps that take time or have an effect, one after another -----
@@ -426,10 +420,9 @@ class _Run:
             return (yield step)
         if name not in FUNCTIONS:
             raise where.error(f"not simulated: {name}", node)
-        function = FUNCTIONS[name]
-        if function.asks and self._machine is None:
+        if name in ASKING and self._machine is None:
             raise NeedsMachine(name)
-        return function.call(self._machine, *arguments, **named)
+        return FUNCTIONS[name](self._machine, *arguments, **named)
 
     def _call_own(self, where: Expression, node: ast.Call, function: Function, arguments: list[Value], named: Scope) -> Evaluation:
         """Call a function of the program."""

@@ -4,11 +4,11 @@ import itertools
 import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from itertools import chain
-from typing import Protocol
 
 import numpy as np
 
 from monitor.recording import Array
+from monitor.simulate.machine.journal import TextMessage
 from monitor.simulate.machine.machine import Machine
 from monitor.simulate.machine.moves import PROGRAM_STOP_RAD_S2, Move, StopMotion
 from monitor.simulate.machine.state import ASKED
@@ -46,9 +46,9 @@ def follow(machine: Machine, targets: Sequence[Sequence[float]], time_s: float, 
     if not all(map(math.isfinite, (*chain.from_iterable(targets), time_s, lookahead_s, gain))):
         machine.supervisor.protective_stop("servoj with a target that is not a number")
         return False
-    jump = machine.moves.sudden(targets[-1]) if targets else ""
+    jump = machine.moves.sudden(targets[-1]) if targets else None
     if jump:
-        machine.supervisor.protective_stop(f"servoj: {jump}")
+        machine.supervisor.protective_stop(f"servoj: {jump.text}", joint=jump.joint)
         return False
     time_s = min(time_s, SERVO_TIME_MAX_S) if time_s > SERVO_TIME_MIN_S else 0.0
     lookahead_s, gain = min(max(lookahead_s, LOOKAHEAD_S[0]), LOOKAHEAD_S[1]), min(max(gain, GAIN[0]), GAIN[1])
@@ -80,23 +80,17 @@ def tool_speed(machine: Machine, wanted: Array, acceleration: float) -> None:
 MOTIONS = (Move, Servo, Speed)
 
 
-class Threading(Protocol):
-    """What a thread asks of the others of its program."""
+class Program:
+    """What plays on a controller. This one does nothing: a stepped replay moves the reference itself, and no other program starts."""
 
-    def start(self, name: str) -> int:
-        """Start a thread. Returns its number."""
+    command_register = ""  # the input whose packets the program is told of
 
-    def kill(self, number: int) -> None:
-        """End a thread."""
+    def received(self) -> None:
+        """Note that a packet with the command register has arrived."""
 
-    def runs(self, number: int) -> bool:
-        """Whether a thread has not ended."""
-
-    def hold(self, alone: "Player | None") -> None:
-        """Let only this thread run, or all again."""
-
-    def others_move(self, player: "Player") -> bool:
-        """Whether a thread beside this one moves the arm."""
+    def step(self) -> bool:
+        """Play on for a control period. Returns False when the program has ended. Raises ScriptError for a runtime exception."""
+        return True
 
 
 class Player:
@@ -107,7 +101,7 @@ class Player:
         steps: Iterable[Step],
         machine: Machine,
         on_progress: Callable[[int], None] = lambda _: None,
-        threads: Threading | None = None,
+        threads: "ScriptProgram | None" = None,
         *,
         waits_for_arm: bool = True,
     ) -> None:
@@ -194,7 +188,7 @@ class Player:
             case Wait(seconds):
                 self._wait(seconds)
             case Say(text):
-                machine.journal.text_message(text)
+                machine.journal.tell(TextMessage, text)
             case Output(number, on):
                 bits = machine.registers.outputs
                 bits.digital = bits.digital | 1 << number if on else bits.digital & ~(1 << number)
@@ -266,37 +260,19 @@ def _declare(machine: Machine, what: str, figures: tuple[float, ...]) -> None:
     """Do what a set_payload, set_target_payload, set_tcp or set_gravity asks for. Raises ScriptError if it is impossible."""
     try:
         queries.DECLARATIONS[what](machine, list(figures))
-    except (queries.ImpossibleArguments, ValueError, IndexError) as wrong:
+    except (ValueError, IndexError) as wrong:
         raise ScriptError(f"runtime_error: {what}: {wrong}") from None
 
 
-class CellProgram:
+class CellProgram(Program):
     """The program of a cell, made of steps and not of a script."""
-
-    command_register = ""
 
     def __init__(self, steps: Iterable[Step], machine: Machine) -> None:
         self._player = Player(steps, machine)
 
-    def received(self) -> None:
-        """Input packets do not matter to a program without a command register."""
-
     def step(self) -> bool:
-        """Play on. Returns False when the program has ended. Raises as `Player.over`."""
+        """Play on. Raises as `Player.over`."""
         return not self._player.over()
-
-
-class SteppedProgram:
-    """A program that does nothing. A stepped replay moves the reference itself and runs this program, so that no other one starts."""
-
-    command_register = ""
-
-    def received(self) -> None:
-        """Input packets do not matter to a program without a command register."""
-
-    def step(self) -> bool:
-        """Run until somebody stops the program."""
-        return True
 
 
 # --- A program in URScript that plays: its main thread, and the threads that it starts ------------------
@@ -305,19 +281,14 @@ MAIN = 0  # number of the main thread; a program may compare the number of a thr
 THREADS_MAX = 32
 
 
-class ScriptProgram:
+class ScriptProgram(Program):
     """A program in URScript. It ends with its main thread; its threads take turns in every control period, the oldest first."""
-
-    command_register = ""
 
     def __init__(self, program: Source, machine: Machine) -> None:
         self._execution, self._machine = Execution(program, machine), machine
         self._numbers = itertools.count(MAIN + 1)
         self._players = {MAIN: Player(self._execution.main(), machine, threads=self)}
         self._alone: Player | None = None  # the thread in a critical section
-
-    def received(self) -> None:
-        """Input packets do not matter to a program that reads registers."""
 
     def step(self) -> bool:
         """Play on. Returns False when the program has ended. Raises ScriptError where a controller raises a runtime exception."""

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from monitor.recording import Array
-from monitor.simulate.machine.journal import CLIENT, SIMULATOR, SOMEBODY_ELSE
+from monitor.simulate.machine.journal import CLIENT, SIMULATOR, SOMEBODY_ELSE, ExceptionMessage, ProgramMessage
 from monitor.simulate.machine.machine import Machine
 from monitor.simulate.machine.moves import PROGRAM_STOP_RAD_S2, Move
 from monitor.simulate.machine.registers import Recipe
@@ -15,7 +15,7 @@ from monitor.simulate.machine.state import Runtime
 from monitor.simulate.polyscope import X
 from monitor.simulate.program.control import ControlProgram
 from monitor.simulate.program.language import ScriptError, Source
-from monitor.simulate.program.player import CellProgram, ScriptProgram, SteppedProgram
+from monitor.simulate.program.player import CellProgram, Program, ScriptProgram
 from monitor.simulate.program.scripts import ControlScript, Refused, parse
 from monitor.simulate.program.steps import Step
 from monitor.simulate.program_tree import Host, ProgramTree
@@ -124,19 +124,14 @@ class ProgramFiles:
 SWAY_RAD, SWAY_RAD_S, SWAY_RAD_S2 = 0.1, 0.2, 0.5  # it moves all joints gently to and fro
 
 
-class ForeignProgram:
+class ForeignProgram(Program):
     """Plays for a time. It moves the arm to and fro from where it stood, or only plays."""
-
-    command_register = ""
 
     def __init__(self, machine: Machine, seconds: float, *, moves: bool) -> None:
         self._machine, self._moves = machine, moves
         self._until_s = machine.clock.now_s + seconds
         self._home = machine.reference.q.copy()
         self._away = False
-
-    def received(self) -> None:
-        """Input packets do not matter to a program without a command register."""
 
     def step(self) -> bool:
         """Play on. Returns False when the time is over."""
@@ -155,10 +150,7 @@ class ForeignProgram:
 
 log = logging.getLogger(__name__)
 
-EXCEPTION = "runtime exception"  # how the reason of a stop begins when a program made a mistake
 FOREIGN_NAME = "cell"  # of a program that somebody else starts
-
-Program = ControlProgram | ScriptProgram | SteppedProgram | ForeignProgram | CellProgram
 
 
 class Programs:
@@ -192,7 +184,7 @@ class Programs:
             if not self.current.step():
                 self.stop("the program ended", kind="program_end", by="itself")
         except ScriptError as wrong:
-            self.stop(f"{EXCEPTION}: {wrong.text}", by="itself", place=(wrong.line, wrong.column))
+            self.fail(wrong.text, wrong.line, wrong.column)
 
     def received(self, written: Recipe) -> None:
         """Note that a packet of inputs arrived."""
@@ -208,7 +200,7 @@ class Programs:
             log.warning("script refused: %s", reason)
             machine.journal.refused_scripts.append(reason)
             if isinstance(script, Refused) and script.report:
-                machine.journal.exception_message(script.report, script.line, script.column)
+                machine.journal.tell(ExceptionMessage, script.report, script.line, script.column)
             return
         if isinstance(script, Source) and script.secondary:
             self._run_beside(script)
@@ -223,16 +215,16 @@ class Programs:
         machine = self._machine
         machine.journal.logbook.program_began(owner)
         self.current, self._name = program, name
-        machine.modes.play()
+        machine.modes.runtime = Runtime.PLAYING
         self._full_speed_at_s = machine.clock.now_s + machine.personality.start_s()
-        machine.journal.program_message("PROGRAM_XXX_STARTED", name)
+        machine.journal.tell(ProgramMessage, "PROGRAM_XXX_STARTED", name)
 
     def _run_beside(self, script: Source) -> None:
         """Run a secondary program at once. The program that runs goes on."""
         try:
             ScriptProgram(script, self._machine).instant()
         except ScriptError as wrong:
-            self._machine.journal.exception_message(wrong.text, wrong.line, wrong.column)
+            self._machine.journal.tell(ExceptionMessage, wrong.text, wrong.line, wrong.column)
 
     @property
     def speed_scaling(self) -> float:
@@ -254,26 +246,32 @@ class Programs:
         """Reserve the arm for a stepped replay. Returns why this is not possible, or an empty text."""
         obstacle = self._machine.modes.obstacle or ("a program is running" if self.current is not None else "")
         if not obstacle:
-            self.current, self._name = SteppedProgram(), "stepped"
+            self.current, self._name = Program(), "stepped"
             self._machine.journal.logbook.program_began(SIMULATOR)
-            self._machine.modes.play()
+            self._machine.modes.runtime = Runtime.PLAYING
         return obstacle
 
-    def stop(self, reason: str, *, kind: str = "program_stop", by: str = "controller", place: tuple[int, int] = (1, 1)) -> bool:
-        """End the program; the arm decelerates to standstill. `by` is for the logbook. Returns False if no program was running.
+    def fail(self, text: str, line: int = 1, column: int = 1) -> None:
+        """End the program by a runtime exception at this place of its script."""
+        self.stop(f"runtime exception: {text}", by="itself", exception=(text, line, column))
 
-        A reason that begins with EXCEPTION is reported with its place in the script: line and column.
+    def stop(
+        self, reason: str, *, kind: str = "program_stop", by: str = "controller", exception: tuple[str, int, int] | None = None
+    ) -> bool:
+        """End the program; the arm decelerates to standstill. Returns False if no program was running.
+
+        by : who did it, for the logbook. exception : that ended it, with its line and column.
         """
         machine, reference = self._machine, self._machine.reference
         if self.current is None:
             return False
         machine.journal.stop(kind, reason)
         machine.journal.logbook.program_ended(kind, by, reason)
-        if reason.startswith(EXCEPTION):
-            machine.journal.exception_message(reason.removeprefix(f"{EXCEPTION}: "), *place)
-        machine.journal.program_message("PROGRAM_XXX_STOPPED", self._name)
+        if exception is not None:
+            machine.journal.tell(ExceptionMessage, *exception)
+        machine.journal.tell(ProgramMessage, "PROGRAM_XXX_STOPPED", self._name)
         self.current = None
-        machine.modes.end_program()
+        machine.modes.runtime = Runtime.STOPPED
         machine.watchdog.clear()
         machine.modes.popup = ""
         machine.moves.forget()
@@ -287,7 +285,7 @@ class Programs:
         machine = self._machine
         if machine.modes.runtime != Runtime.PLAYING:
             return False
-        machine.modes.pause()
+        machine.modes.runtime = Runtime.PAUSED
         machine.moves.interrupt()
         machine.reference.stop(PROGRAM_STOP_RAD_S2)
         return True
@@ -307,7 +305,7 @@ class Programs:
                 return False
             self.start(loaded, SOMEBODY_ELSE)
             return not isinstance(loaded, Refused)
-        machine.modes.play()
+        machine.modes.runtime = Runtime.PLAYING
         machine.watchdog.feed()
         machine.moves.resume()
         return True

@@ -1,13 +1,9 @@
 """The dashboard server: one line of text in, one line out."""
 
 import re
-from typing import Protocol
 
-from monitor.simulate.controller.safety import Safety
-from monitor.simulate.machine.identity import Identity
-from monitor.simulate.machine.state import Modes, RobotMode, Runtime, SafetyMode
-from monitor.simulate.program.runner import Programs
-from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.machine.state import RobotMode, Runtime, SafetyMode
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX_BYTES = 4096
@@ -23,31 +19,7 @@ ACTS_ON = ("load ", "set operational mode ")
 USER_ROLES, OPERATIONAL_MODES = {"PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED"}, {"MANUAL", "AUTOMATIC"}
 
 
-class DashboardController(Protocol):
-    """What the dashboard uses of a controller."""
-
-    @property
-    def settings(self) -> SimulateSettings:
-        """The settings of the simulated arm."""
-
-    @property
-    def identity(self) -> Identity:
-        """What the controller reports about itself."""
-
-    @property
-    def modes(self) -> Modes:
-        """The present modes."""
-
-    @property
-    def programs(self) -> Programs:
-        """The program that runs."""
-
-    @property
-    def safety(self) -> Safety:
-        """Protective stop, emergency stop and power."""
-
-
-def reply(controller: DashboardController, line: str) -> str:
+def reply(controller: Controller, line: str) -> str:
     """The reply to one line, without a newline."""
     command = line.strip()
     word = command.lower()
@@ -67,7 +39,7 @@ SIMPLE = {  # commands without an effect here
 }
 
 
-def _about_the_robot(controller: DashboardController, word: str) -> str:
+def _about_the_robot(controller: Controller, word: str) -> str:
     identity, settings, modes = controller.identity, controller.settings, controller.modes
     version = ".".join(map(str, identity.reported_version))
     match word:
@@ -90,7 +62,7 @@ def _about_the_robot(controller: DashboardController, word: str) -> str:
     return ""
 
 
-def _about_programs(controller: DashboardController, word: str) -> str:
+def _about_programs(controller: Controller, word: str) -> str:
     programs, runtime, file = controller.programs, controller.modes.runtime, controller.programs.files.loaded
     match word:
         case "close popup":
@@ -114,7 +86,7 @@ def _about_programs(controller: DashboardController, word: str) -> str:
     return ""
 
 
-def _about_safety(controller: DashboardController, word: str) -> str:
+def _about_safety(controller: Controller, word: str) -> str:
     safety, modes = controller.safety, controller.modes
     match word:
         case "power on":
@@ -130,7 +102,7 @@ def _about_safety(controller: DashboardController, word: str) -> str:
     return ""
 
 
-def _with_argument(controller: DashboardController, command: str) -> str:
+def _with_argument(controller: Controller, command: str) -> str:
     """The reply to a command that is followed by a text. Reports and support files are reported as made; nothing is written."""
     word, programs = command.lower(), controller.programs
     if word.startswith("popup "):
@@ -155,7 +127,7 @@ def _with_argument(controller: DashboardController, command: str) -> str:
     return ""
 
 
-def _of_generation(controller: DashboardController, command: str) -> str:
+def _of_generation(controller: Controller, command: str) -> str:
     """The reply to a command that only CB3 or only the e-Series has: the role of the pendant's user, and the operational mode."""
     identity, (word, _, value) = controller.identity, command.rpartition(" ")
     if controller.settings.polyscope.major < 5:
@@ -170,7 +142,7 @@ def _of_generation(controller: DashboardController, command: str) -> str:
     if command.lower() == "get operational mode":
         return identity.operational_mode
     if command.lower() == "clear operational mode":
-        identity.clear_operational_mode()
+        identity.operational_mode = "NONE"
         return "No longer controlling the operational mode. Current operational mode: NONE"
     if word.lower() == "set operational mode":
         if value.upper() not in OPERATIONAL_MODES:

@@ -25,7 +25,7 @@ TEXT_MAX_BYTES = 1 << 20
 SEGMENT_BYTES = 65536
 
 
-async def requested(hosts: tuple[Host, ...], *, generation: int = 5) -> dict[Host, str | None]:
+async def requested(hosts: tuple[Host, ...], *, generation: int) -> dict[Host, str | None]:
     """The text that each host serves; None where it does not answer in time. `generation` is the major version of PolyScope."""
     patience = OF_X if generation >= X else OLDER
     return {host: await _request(host, patience) for host in hosts}

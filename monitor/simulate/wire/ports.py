@@ -232,6 +232,19 @@ class Port(asyncio.Protocol):
             self.transport.close()
 
     @property
+    def must_ask_hosts(self) -> bool:
+        """Whether Play now asks other hosts for the text of the loaded program."""
+        controller = self.ports.controller
+        starts = controller.modes.runtime == Runtime.STOPPED and bool(controller.programs.files.hosts)
+        return starts and not controller.identity.local
+
+    async def ask_hosts(self) -> None:
+        """Ask the hosts of the loaded program for its text."""
+        controller = self.ports.controller
+        files = controller.programs.files
+        files.serve(await requested(files.hosts, generation=controller.settings.polyscope.major))
+
+    @property
     def writable(self) -> "asyncio.Transport | None":
         """The transport, if it is still open."""
         return None if self.transport is None or self.transport.is_closing() else self.transport
@@ -334,7 +347,7 @@ class DashboardPort(Port):
             if transport.is_closing():
                 return
             text = line[: dashboard.LINE_MAX_BYTES].decode("utf-8", "replace")
-            if self._asks_hosts(text):
+            if text.strip().lower() == "play" and self.must_ask_hosts:
                 self._playing = asyncio.ensure_future(self._play(transport))
                 continue
             answer = dashboard.reply(self.ports.controller, text)
@@ -347,16 +360,9 @@ class DashboardPort(Port):
         if len(self._buffer) > dashboard.LINE_MAX_BYTES or self.full:
             transport.abort()
 
-    def _asks_hosts(self, text: str) -> bool:
-        """Whether this command is a Play that asks other hosts for text."""
-        controller = self.ports.controller
-        starts = controller.modes.runtime == Runtime.STOPPED and bool(controller.programs.files.hosts)
-        return text.strip().lower() == "play" and starts and not controller.identity.local
-
     async def _play(self, transport: asyncio.Transport) -> None:
         """Ask the hosts of the loaded program, and play it."""
-        files = self.ports.controller.programs.files
-        files.serve(await requested(files.hosts))
+        await self.ask_hosts()
         answer = dashboard.reply(self.ports.controller, "play")
         if not transport.is_closing():
             transport.write(answer.encode() + b"\n")

@@ -6,11 +6,11 @@ import socket
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
 
 from monitor.simulate.cells.catalogue import cell
 from monitor.simulate.cells.cell import CellAround
 from monitor.simulate.controller.controller import Controller
+from monitor.simulate.controller.faults import Effect
 from monitor.simulate.machine.state import RobotMode
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.wire.ports import DashboardPort, Port, Ports, RtdePort, StatePort
@@ -127,26 +127,19 @@ class ServedRobot:
         """`sockets` listen already, by port. `shut_down` ends the whole simulator."""
         self._settings = settings
         self._around = None if settings.cell is None else CellAround(cell(settings.cell, settings.arm, settings.seed))
-        controller = Controller(settings, wire=self, surroundings=self._around)
+        self.faults: dict[str, Effect] = {
+            effect.__name__.removeprefix("_"): effect
+            for effect in (
+                *(self._stall, self._close, self._reset, self._listener_gone, self._restart, self._power_cut, self._freeze, self._late),
+                *(self._skip, self._mute, self._robot_api, self._text_at_connect, self._clear),
+            )
+        }
+        controller = Controller(settings, wire=self.faults, surroundings=self._around)
         if self._around is not None:
             controller.programs.play()
         self.ports = Ports(controller, shut_down)
         self.listeners = Listeners(settings, self.ports, sockets)
         self._rebirth: asyncio.TimerHandle | None = None
-        self._actions: dict[str, Callable[[dict[str, Any]], str]] = {
-            "stall": self._stall,
-            "close": self._close,
-            "reset": self._reset,
-            "listener_gone": self._listener_gone,
-            "restart": self._restart,
-            "power_cut": self._power_cut,
-            "freeze": self._freeze,
-            "late": self._late,
-            "skip": self._skip,
-            "mute": self._mute,
-            "robot_api": self._robot_api,
-            "text_at_connect": self._text_at_connect,
-        }
 
     @property
     def controller(self) -> Controller:
@@ -158,70 +151,58 @@ class ServedRobot:
         """Whether the controller was killed and has not started again."""
         return self.ports.dead
 
-    def inject(self, name: str, arguments: dict[str, Any]) -> str:
-        """Make a fault of the wire happen. The arguments are checked already. Returns a sentence that says what was done."""
-        return self._actions[name](arguments)
-
-    def clear(self) -> None:
-        """End every lasting fault of the wire."""
+    def _clear(self) -> str:
         self.ports.clear_faults()
         self.listeners.back()
+        return "every lasting fault of the wire is over"
 
-    def _stall(self, arguments: dict[str, Any]) -> str:
-        self.ports.faults.muted_until_s = asyncio.get_running_loop().time() + arguments["seconds"]
-        return f"no RTDE data for {arguments['seconds']:g} s"
+    def _stall(self, seconds: float) -> str:
+        self.ports.faults.muted_until_s = asyncio.get_running_loop().time() + seconds
+        return f"no RTDE data for {seconds:g} s"
 
-    def _close(self, arguments: dict[str, Any]) -> str:
-        return f"closed {self._dropped(arguments, reset=False)} connections of {arguments['service']}"
+    def _close(self, service: str, connection: float) -> str:
+        return f"closed {self.ports.drop(service, reset=False, connection=int(connection))} connections of {service}"
 
-    def _reset(self, arguments: dict[str, Any]) -> str:
-        return f"reset {self._dropped(arguments, reset=True)} connections of {arguments['service']}"
+    def _reset(self, service: str, connection: float) -> str:
+        return f"reset {self.ports.drop(service, reset=True, connection=int(connection))} connections of {service}"
 
-    def _dropped(self, arguments: dict[str, Any], *, reset: bool) -> int:
-        return self.ports.drop(arguments["service"], reset=reset, connection=int(arguments["connection"]))
-
-    def _listener_gone(self, arguments: dict[str, Any]) -> str:
-        service, seconds = arguments["service"], arguments["seconds"]
+    def _listener_gone(self, service: str, seconds: float) -> str:
         self.listeners.away(service, seconds)
         return f"nobody listens for {service}" + (f" for {seconds:g} s" if seconds else " until `clear`")
 
-    def _freeze(self, arguments: dict[str, Any]) -> str:
-        seconds = arguments["seconds"]
+    def _freeze(self, seconds: float) -> str:
         self.listeners.later(FREEZE_DELAY_S, lambda: time.sleep(seconds))  # the whole process stands still, as if a signal had stopped it
         return f"the whole controller stands still for {seconds:g} s, its connections open"
 
-    def _late(self, arguments: dict[str, Any]) -> str:
-        faults = self.ports.faults
-        faults.late_s, faults.late_share = arguments["seconds"], arguments["share"]
-        return f"{100 * faults.late_share:g} % of the packets come {1000 * faults.late_s:g} ms late, with those behind them"
+    def _late(self, seconds: float, share: float) -> str:
+        self.ports.faults.late_s, self.ports.faults.late_share = seconds, share
+        return f"{100 * share:g} % of the packets come {1000 * seconds:g} ms late, with those behind them"
 
-    def _skip(self, arguments: dict[str, Any]) -> str:
-        self.ports.faults.skip_share = arguments["share"]
-        return f"{100 * arguments['share']:g} % of the packets are never sent"
+    def _skip(self, share: float) -> str:
+        self.ports.faults.skip_share = share
+        return f"{100 * share:g} % of the packets are never sent"
 
-    def _mute(self, _: dict[str, Any]) -> str:
+    def _mute(self) -> str:
         self.ports.faults.mute = True
         return "requests are read and never answered"
 
-    def _robot_api(self, arguments: dict[str, Any]) -> str:
-        self.ports.faults.robot_api = arguments["answer"]
-        return f"the answers of the Robot API are {arguments['answer']}"
+    def _robot_api(self, answer: str) -> str:
+        self.ports.faults.robot_api = answer
+        return f"the answers of the Robot API are {answer}"
 
-    def _text_at_connect(self, _: dict[str, Any]) -> str:
+    def _text_at_connect(self) -> str:
         self.ports.faults.text_at_connect = True
         return "every new RTDE connection is greeted by a text message"
 
-    def _restart(self, arguments: dict[str, Any]) -> str:
+    def _restart(self, seconds: float, power: str) -> str:
         """Kill the controller: all connections are reset at once. A new controller with the same arm answers later."""
-        seconds, power = arguments["seconds"], arguments["power"]
         self.ports.kill()
         self.listeners.away("all", 0.0)
         self._come_back(seconds, with_power=power == "on")
         return f"the controller was killed and comes back in {seconds:g} s, its clock at zero, power {power}"
 
-    def _power_cut(self, arguments: dict[str, Any]) -> str:
+    def _power_cut(self, seconds: float, connections: str) -> str:
         """Switch everything off at once: the brakes stop the arm. A new controller with the same arm answers later."""
-        seconds, connections = arguments["seconds"], arguments["connections"]
         self.controller.safety.lose_power()
         self.ports.cut_power(reset=connections == "reset")
         if connections == "reset":
@@ -236,7 +217,7 @@ class ServedRobot:
 
     def _start_again(self, *, with_power: bool) -> None:
         self.ports.drop("all", reset=True)  # a controller that was switched off knows nothing of its connections
-        controller = Controller(self._settings, before=self.controller, wire=self, surroundings=self._around)
+        controller = Controller(self._settings, before=self.controller, wire=self.faults, surroundings=self._around)
         if with_power:
             controller.safety.power(RobotMode.IDLE)
             controller.safety.power(RobotMode.RUNNING)

@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 
 import h11
 
+from monitor.simulate.controller.controller import Controller
 from monitor.simulate.machine.state import RobotMode, Runtime, SafetyMode
-from monitor.simulate.polyscope import X, robot_api_of
-from monitor.simulate.wire.dashboard import DashboardController
-from monitor.simulate.wire.external_control import requested
+from monitor.simulate.polyscope import robot_api_of
 from monitor.simulate.wire.ports import Port, Ports
 
 BASE = "/universal-robots/robot-api"
@@ -36,7 +35,7 @@ class Answer(NamedTuple):
     location: str = ""
 
 
-def answer(controller: DashboardController, method: str, target: str, body: bytes) -> Answer:
+def answer(controller: Controller, method: str, target: str, body: bytes) -> Answer:
     """The answer to one request."""
     path = target.partition("?")[0]
     version = robot_api_of(controller.settings.polyscope)
@@ -81,7 +80,7 @@ def _conflict(why: str) -> Answer:
     return Answer(409, {"message": "Conflict", "details": why})
 
 
-def _openapi(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _openapi(controller: Controller, _: dict[str, Any]) -> Answer:
     version = robot_api_of(controller.settings.polyscope) or ()
     paths: dict[str, dict[str, Any]] = {}
     for (method, place), (since, _act) in ENDPOINTS.items():
@@ -90,11 +89,11 @@ def _openapi(controller: DashboardController, _: dict[str, Any]) -> Answer:
     return Answer(200, {"openapi": "3.1.0", "info": {"title": "Robot API", "version": ".".join(map(str, version))}, "paths": paths})
 
 
-def _program_state(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _program_state(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"state": controller.modes.runtime.name, "message": "ok", "details": None})
 
 
-def _act_on_program(controller: DashboardController, asked: dict[str, Any]) -> Answer:
+def _act_on_program(controller: Controller, asked: dict[str, Any]) -> Answer:
     programs, runtime = controller.programs, controller.modes.runtime
     match asked.get("action"):
         case "play":
@@ -114,19 +113,19 @@ def _act_on_program(controller: DashboardController, asked: dict[str, Any]) -> A
     return _program_state(controller, {})
 
 
-def _loaded(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _loaded(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"name": _loaded_name(controller), "message": "ok"})
 
 
-def _loaded_name(controller: DashboardController) -> str:
+def _loaded_name(controller: Controller) -> str:
     files = controller.programs.files
     return files.loaded.removesuffix(PROGRAM_SUFFIX) if files.program is not None else DEFAULT_PROGRAM
 
 
-def _load(key: str) -> Callable[[DashboardController, dict[str, Any]], Answer]:
+def _load(key: str) -> Callable[[Controller, dict[str, Any]], Answer]:
     """Load the program that this key of the request names."""
 
-    def load(controller: DashboardController, asked: dict[str, Any]) -> Answer:
+    def load(controller: Controller, asked: dict[str, Any]) -> Answer:
         name = asked.get(key)
         if not isinstance(name, str) or not name:
             return _invalid(f"{key} {name!r}; expected the name of a program")
@@ -139,7 +138,7 @@ def _load(key: str) -> Callable[[DashboardController, dict[str, Any]], Answer]:
     return load
 
 
-def _programs(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _programs(controller: Controller, _: dict[str, Any]) -> Answer:
     dates = {"createdDate": 0, "lastModifiedDate": None, "lastSavedDate": None}
     names = [name.removesuffix(PROGRAM_SUFFIX) for name in controller.programs.files.names]
     return Answer(
@@ -147,7 +146,7 @@ def _programs(controller: DashboardController, _: dict[str, Any]) -> Answer:
     )
 
 
-def _act_on_robot(controller: DashboardController, asked: dict[str, Any]) -> Answer:
+def _act_on_robot(controller: Controller, asked: dict[str, Any]) -> Answer:
     safety, modes = controller.safety, controller.modes
     match asked.get("action"):
         case "POWER_ON":
@@ -167,11 +166,11 @@ def _act_on_robot(controller: DashboardController, asked: dict[str, Any]) -> Ans
     return Answer(200, {"message": "done"})
 
 
-def _robot_mode(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _robot_mode(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"mode": controller.modes.robot.name, "message": "ok"})
 
 
-def _safety_mode(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _safety_mode(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"mode": _safety_word(controller.modes.safety), "message": "ok"})
 
 
@@ -179,25 +178,25 @@ def _safety_word(mode: SafetyMode) -> str:
     return SAFETY_MODES.get(mode, mode.name)
 
 
-def _control_mode(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _control_mode(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"mode": "LOCAL" if controller.identity.local else "REMOTE", "message": "ok"})
 
 
-def _operational_mode(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _operational_mode(controller: Controller, _: dict[str, Any]) -> Answer:
     return Answer(200, {"mode": controller.identity.operational_mode, "message": "ok"})
 
 
-def _versions(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _versions(controller: Controller, _: dict[str, Any]) -> Answer:
     version = ".".join(map(str, controller.identity.reported_version[:3]))
     return Answer(200, {"marketingVersion": version, "baselineVersion": version})
 
 
-def _information(controller: DashboardController, _: dict[str, Any]) -> Answer:
+def _information(controller: Controller, _: dict[str, Any]) -> Answer:
     settings = controller.settings
     return Answer(200, {"robotType": settings.robot.removesuffix("e").upper(), "serialNumber": settings.serial})
 
 
-ENDPOINTS: dict[tuple[str, str], tuple[tuple[int, ...], Callable[[DashboardController, dict[str, Any]], Answer]]] = {
+ENDPOINTS: dict[tuple[str, str], tuple[tuple[int, ...], Callable[[Controller, dict[str, Any]], Answer]]] = {
     ("GET", "/openapi.json"): ((0,), _openapi),
     ("GET", "/program/v1/state"): ((0,), _program_state),
     ("PUT", "/program/v1/state"): ((0,), _act_on_program),
@@ -267,24 +266,15 @@ class RobotApiPort(Port):
                     self._answer(self._request.method.decode(), self._request.target.decode("ascii", "replace"))
 
     def _answer(self, method: str, target: str) -> None:
-        if self._asks_hosts(method, target):
+        if self.must_ask_hosts and (method, target) == ("PUT", f"{BASE}/program/v1/state") and b'"play"' in self._body:
             self._playing = asyncio.ensure_future(self._play(method, target))
             return
         faulty = self.ports.faults.robot_api
         self._send(FAULTY[faulty] if faulty in FAULTY else answer(self.ports.controller, method, target, self._body))
 
-    def _asks_hosts(self, method: str, target: str) -> bool:
-        """Whether this request is a Play that asks other hosts for text."""
-        controller = self.ports.controller
-        starts = controller.modes.runtime == Runtime.STOPPED and bool(controller.programs.files.hosts)
-        return (
-            starts and not controller.identity.local and (method, target) == ("PUT", f"{BASE}/program/v1/state") and b'"play"' in self._body
-        )
-
     async def _play(self, method: str, target: str) -> None:
         """Ask the hosts of the loaded program, and play it."""
-        files = self.ports.controller.programs.files
-        files.serve(await requested(files.hosts, generation=X))
+        await self.ask_hosts()
         if self.writable is not None:
             self._send(answer(self.ports.controller, method, target, self._body))
             self._answer_all()

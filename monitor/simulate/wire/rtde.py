@@ -6,12 +6,10 @@ Before the reply to START this controller sends nothing but replies: ur-rtde rea
 import logging
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping
 
-from monitor.simulate.machine.identity import Identity
-from monitor.simulate.machine.registers import Recipe, Registers, recipe
-from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.machine.registers import Recipe, recipe
 from monitor.simulate.wire.packing import Variable, reader
 
 log = logging.getLogger(__name__)
@@ -26,29 +24,10 @@ class ProtocolError(Exception):
     """The client does not speak RTDE; its connection must be closed."""
 
 
-class RtdeController(Protocol):
-    """What an RTDE connection uses of a controller. It is also the root of the paths of the output variables."""
-
-    @property
-    def settings(self) -> SimulateSettings:
-        """The settings of the simulated arm."""
-
-    @property
-    def identity(self) -> Identity:
-        """What the controller reports about itself."""
-
-    @property
-    def registers(self) -> Registers:
-        """Registers, inputs and outputs."""
-
-    def write_inputs(self, written: Recipe, values: Sequence[float]) -> None:
-        """Take over one packet of inputs."""
-
-
 class RtdeSession:
     """The state of one connection. `started` tells whether the client has asked for data packets."""
 
-    def __init__(self, controller: RtdeController, variables: Mapping[str, Variable], connection: int) -> None:
+    def __init__(self, controller: Controller, variables: Mapping[str, Variable], connection: int) -> None:
         """`variables` are all outputs by name; `connection` is a number of its own for each connection."""
         self._controller, self._variables, self._connection = controller, variables, connection
         self._buffer = b""
