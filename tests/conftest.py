@@ -29,17 +29,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Its modules follow each other on two workers where their processes may go before others, else on one. A replay ends as `late` on a
     machine with other work, as it must: such a test may run again, and says so; evidence (`soak`) may not.
     """
-    moving = sorted({item.path for item in items if item.get_closest_marker("real_time")})
+    modules = sorted({str(item.path) for item in items if item.get_closest_marker("real_time")})
     arms = 2 if prepared.permitted() and len(os.sched_getaffinity(0)) > 1 else 1
-    items.sort(key=lambda item: (item.path not in moving, item.get_closest_marker("xdist_group") is None))
+    moving = {module: number % arms for number, module in enumerate(modules)}  # on which of the workers with an arm
+    items.sort(key=lambda item: (str(item.path) not in moving, item.get_closest_marker("xdist_group") is None))
     for item in items:
-        soak = item.get_closest_marker("soak") is not None
-        if item.path in moving:
-            item.add_marker(pytest.mark.xdist_group(f"arm {0 if soak else moving.index(item.path) % arms}"))
+        soak, arm = item.get_closest_marker("soak") is not None, moving.get(str(item.path))
+        if arm is not None:
+            item.add_marker(pytest.mark.xdist_group(f"arm {0 if soak else arm}"))
         elif item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
-        if not soak and (item.path in moving or item.path.parent.name in ON_THE_WIRE):
-            item.add_marker(pytest.mark.flaky(reruns=2 if item.path in moving else 1, reruns_delay=2))
+        if not soak and (arm is not None or item.path.parent.name in ON_THE_WIRE):
+            item.add_marker(pytest.mark.flaky(reruns=1 if arm is None else 2, reruns_delay=2))
 
 
 def pytest_configure(config: pytest.Config) -> None:

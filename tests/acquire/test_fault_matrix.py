@@ -108,8 +108,8 @@ def test_every_fault_of_the_simulator_is_among_the_cases():
 
 
 def test_a_sample_of_faults_in_the_middle_of_a_replay_stops_the_arm_and_is_named():
-    """One fault of each kind, one after the other on an arm as recorded: it stops, the cause is named, and the next replay works."""
-    once = {"stall", "reset", "program_stop", "protective_stop", "emergency_stop"}
+    """Of the data, of the connection, of the arm, and a harmless one, one after the other: it stops, with the cause, and plays again."""
+    once = {"stall", "reset", "protective_stop"}
     rng = random.Random(6)
     cases = [rng.choice([case for case in STOPPING if case.name == name]) for name in sorted(once)]
     cases.append(rng.choice(HARMLESS))

@@ -24,7 +24,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import write_recording
 
-pytestmark = [pytest.mark.xdist_group("documentation"), pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 NOT_RUN = {  # by the command, or by its first words
     "simulate --": "goes on until Ctrl-C",

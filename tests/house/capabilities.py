@@ -29,7 +29,10 @@ COMMANDS: dict[str, tuple[str, ...]] = {  # each command of `joint-monitor --hel
         "cli/test_commands_motion.py::test_check_names_each_obstacle_to_a_motion_and_ends_with_three",
         "cli/test_commands_motion.py::test_check_reports_who_answers_on_the_bus",
     ),
-    "demo": ("studies/test_demo.py::test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent",),
+    "demo": (
+        "studies/test_demo.py::test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent",
+        "studies/test_demo.py::test_two_days_of_the_demo_are_played_judged_and_told",
+    ),
     "design": (
         "design/test_command.py::test_the_same_command_gives_the_same_bytes_and_a_picture",
         "design/test_command.py::test_ctrl_c_keeps_the_best_so_far",

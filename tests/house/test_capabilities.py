@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -61,18 +62,28 @@ def test_every_harmless_end_of_a_motion_has_a_row():
     assert set(ReplayAborted.HARMLESS) <= set(capabilities.ENDS_OF_A_MOTION)
 
 
+@cache
+def top_of(path: str) -> list[ast.stmt]:
+    """The statements of a file of tests; none where there is no such file."""
+    file = ROOT / "tests" / path
+    return ast.parse(file.read_text("utf-8")).body if file.is_file() else []
+
+
+def functions(path: str) -> dict[str, ast.FunctionDef]:
+    """Those of a file of tests."""
+    return {node.name: node for node in top_of(path) if isinstance(node, ast.FunctionDef)}
+
+
 def test_every_capability_has_a_test_that_exists():
     """A test that was moved or renamed takes its row along."""
-    missing = []
-    for path, names in by_file().items():
-        file = ROOT / "tests" / path
-        found = (
-            {node.name for node in ast.parse(file.read_text("utf-8")).body if isinstance(node, ast.FunctionDef)}
-            if file.is_file()
-            else set()
-        )
-        missing += [f"{path}::{name}" for name in names - found]
-    assert missing == []
+    assert [f"{path}::{name}" for path, names in by_file().items() for name in sorted(names - functions(path).keys())] == []
+
+
+def is_soak(path: str, name: str) -> bool:
+    """Whether the whole test is left to `make soak`, by its own mark or by its file's."""
+    marks = [ast.unparse(node) for node in top_of(path) if isinstance(node, ast.Assign)]
+    whole = any(text.startswith("pytestmark") and "mark.soak" in text for text in marks)
+    return whole or "pytest.mark.soak" in map(ast.unparse, functions(path)[name].decorator_list)
 
 
 ONLY_IN_SOAK = {"a study's workers killed"}  # for minutes
@@ -80,15 +91,9 @@ ONLY_IN_SOAK = {"a study's workers killed"}  # for minutes
 
 def test_every_capability_has_a_test_that_is_no_soak():
     """`make test` holds each; the soak adds evidence."""
-    soak = set()
-    for path in by_file():
-        tree = ast.parse((ROOT / "tests" / path).read_text("utf-8"))
-        whole = any(ast.unparse(node).startswith("pytestmark") and "mark.soak" in ast.unparse(node) for node in tree.body)
-        functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
-        marked = [each for each in functions if whole or "pytest.mark.soak" in map(ast.unparse, each.decorator_list)]
-        soak |= {f"{path}::{each.name}" for each in marked}
-    without = [what for rows in capabilities.CAPABILITIES.values() for what, tests in rows.items() if soak.issuperset(tests)]
-    assert set(without) == ONLY_IN_SOAK
+    soak = {f"{path}::{name}" for path, names in by_file().items() for name in names if is_soak(path, name)}
+    rows = [row for table in capabilities.CAPABILITIES.values() for row in table.items()]
+    assert {what for what, tests in rows if soak.issuperset(tests)} == ONLY_IN_SOAK
 
 
 def by_file() -> dict[str, set[str]]:

@@ -32,7 +32,7 @@ def a_year(seed: int, *, days: int = 150, wear: dict[int, np.ndarray] | None = N
     return [arm.replay(weather(day, rng), (wear or {}).get(day, 0.0)) for day in range(days)]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_outliers_do_not_raise_the_estimated_noise():
     """Joint 3 is 35 % off every 15 days: its estimated noise is that of the same days without outliers, within 8 %."""
     wild = {day: np.array([0, 0, 0.35, 0, 0, 0]) for day in range(30, 150, 15)}
@@ -42,7 +42,7 @@ def test_outliers_do_not_raise_the_estimated_noise():
     assert shaken[2] / calm[2] == pytest.approx(1.0, abs=0.08)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_replays_without_a_temperature_do_not_raise_the_estimated_noise():
     """Every tenth replay is 15 K colder without a temperature: the estimated noise is that of the other replays, within 8 %."""
     seen = a_year(4)
@@ -107,6 +107,7 @@ def test_a_replaced_joint_has_no_outliers_behind_it():
     assert np.array_equal(replace_joints(filter_state, new, DRIFT).outliers[~new], filter_state.outliers[~new])
 
 
+@pytest.mark.soak
 def test_noise_is_learnt_where_every_second_replay_has_no_temperature():
     """The replays before and after a blind one are compared: from a true 4 % the estimate is 3 to 5 %, and not the prior of 2 %."""
     arm, rng = Arm(seed=12, noise=0.04, within=0.002), np.random.default_rng(12)

@@ -98,7 +98,7 @@ def test_wear_that_leaves_friction_at_the_reference_speed_is_found_within_30_day
 
 
 @pytest.mark.parametrize("swing_k", [5.0, 20.0])
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_healthy_year_is_quiet_though_contrast_follows_temperature(swing_k):
     """Viscous friction falls by 1.5 %/K: over 40 K the contrast moves by 0.6 and no joint is worn."""
     assert not any(state.found.any() for state in lived(replays(365, arms=1, swing_k=swing_k)))

@@ -50,7 +50,7 @@ def log_torque(grease_c: np.ndarray) -> np.ndarray:
     return 2.0 - 0.006 * (grease_c - 25.0)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_lag_of_twenty_minutes_is_learnt_and_the_steady_state_stays_within_its_interval():
     """After 100 replays the lag is found to be longer than a short one, and four of five 90 % intervals at least hold the steady state."""
     short, long = replays(2.0, 100), replays(20.0, 100)

@@ -68,7 +68,7 @@ def of_joint(j, value):
     return np.where(np.arange(J) == j, value, 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_running_in_is_no_alert_and_hides_no_step():
     """Friction falls by 8 % in two months, in all joints: nothing is told of it. A step of 8 % on day 200 is told of its joint alone."""
 

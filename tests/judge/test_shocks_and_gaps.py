@@ -64,7 +64,7 @@ def test_a_shock_of_three_days_makes_no_more_wear_than_was_seen() -> None:
     assert std[100:, shaken].max() < 0.06
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_step_of_a_fifth_is_told_within_ten_days_however_long_noise_lasts() -> None:
     """Joint 2 steps by 20 % on day 120, in 8 arms of ρ 0, 8 of 0.5 and 8 of 0.9: an alert of it within ten days in 7 or more of each."""
     y = noise(4, 130, 24, rho=np.repeat([0.0, 0.5, 0.9], 8 * J))

@@ -19,8 +19,6 @@ from monitor.reason import Reason
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
 
-pytestmark = pytest.mark.xdist_group("undamaged step")  # one worker judges without a damage once
-
 ASSESS = AssessSettings()
 DAYS, JUMP_DAY = 20, 11
 DAMAGES = {}  # stage → (module in which it is looked up, its name, the damaged stage)

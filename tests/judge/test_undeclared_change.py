@@ -160,7 +160,9 @@ def test_wear_and_quiet_replays_contradict_nothing():
     assert {(joint, condition) for _, _, joint, condition, _ in history.transitions} == {(3, "sudden_step")}
 
 
-@pytest.mark.parametrize(("payload", "blind"), [("declared", False), ("undeclared", False), ("undeclared", True)])
+@pytest.mark.parametrize(
+    ("payload", "blind"), [("declared", False), ("undeclared", False), pytest.param("undeclared", True, marks=pytest.mark.soak)]
+)
 @pytest.mark.slow
 def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, payload, blind):
     """Real recordings in time order. The last carries about 2.6 kg: declared it opens a context, undeclared it is detected.

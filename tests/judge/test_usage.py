@@ -12,8 +12,6 @@ from synthetic_arm import CONTEXT, Arm, History
 from monitor.errors import BadInput
 from monitor.judge.drift.usage import no_usage, update_usage
 
-pytestmark = pytest.mark.xdist_group("usage")  # one worker judges each life once
-
 J = 6
 
 

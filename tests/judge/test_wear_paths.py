@@ -70,8 +70,8 @@ def lives_of(state: DriftState) -> list[RemainingLife]:
     return [remaining_life_of_joint(state, n, DRIFT, PROGNOSIS) for n in range(1, state.joints, state.joints_per_arm)]
 
 
-@pytest.mark.parametrize("path", ["accelerating", *(pytest.param(path, marks=pytest.mark.soak) for path in ("straight", "slowing"))])
-@pytest.mark.slow
+@pytest.mark.parametrize("path", list(PATHS))
+@pytest.mark.soak
 def test_the_path_of_wear_is_found_and_its_life_held(path):
     """Of 8 arms at 75 % of life, P10–P90 hold the truth in 5 or more, 88 % of trials with 80 %, and P50 is not twice off in the median."""
     state, left = worn_fleet(path, 8, 0.75)
@@ -82,6 +82,7 @@ def test_the_path_of_wear_is_found_and_its_life_held(path):
     assert sum(life.path == path for life in lives) >= 0.6 * len(lives)
 
 
+@pytest.mark.soak
 def test_an_accelerating_joint_is_not_told_half_its_rate():
     """The filter's rate is that of a straight line; the rate along the paths is within 35 % of the truth in the median of 8 arms."""
     state, _ = worn_fleet("accelerating", 8, 0.75)

@@ -28,8 +28,6 @@ NEEDED = {"torque": ("q", "qd"), "cmd/ack": ("joint", "condition", "by"), "cmd/s
 NEEDED["cmd/replay"] = ("by",)
 WRONG = (None, True, "", "x" * 300, -1, 1e300, 10**30, [], {}, [[]], [1.0] * 5, [[1.0] * 6, [1.0] * 5], ["a"] * 6, [True] * 6, [1e9] * 6)
 
-pytestmark = pytest.mark.xdist_group("malformed")  # one daemon for all of them
-
 
 class Asked:
     """A daemon in a process of its own, and a client."""

@@ -25,8 +25,6 @@ from monitor.plant.tables import arm, last_value
 from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import MetricsSettings
 
-pytestmark = pytest.mark.xdist_group("prometheus")  # one server for all of them
-
 DEPLOY = Path(__file__).parents[2] / "deploy" / "prometheus"
 BOARDS = sorted((DEPLOY.parent / "grafana" / "dashboards").glob("*.json"))
 

@@ -10,9 +10,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from command_line import ended
 
 from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.studies.demo import display as ticker
+from monitor.studies.demo import play
 from monitor.studies.demo import world as replays
 from monitor.studies.demo.display import Summary, Ticker
 from monitor.studies.demo.world import DAYS, DemoState, demo_configuration
@@ -23,6 +25,7 @@ LONGEST_SILENCE_S = 5.0
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.soak
 def test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent():
     """Two live replays, the first and the last; an alert for joint 3 alone, wear within 5 % of friction; no silence of five seconds.
 
@@ -55,6 +58,20 @@ def test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent():
     for joint, (error, size) in enumerate(zip(torque["rms_error_nm"], torque["rms_torque_nm"], strict=True), start=1):
         assert error < (0.1 if joint == 3 else 0.04) * size
     assert document["live_torque_samples"] > 50
+
+
+def test_two_days_of_the_demo_are_played_judged_and_told(monkeypatch: pytest.MonkeyPatch):
+    """One stepped replay and one in real time, by the command in this process: too few to find any wear, which it says."""
+    monkeypatch.setattr(play, "DAYS", 2)
+    for module in (play, replays):
+        monkeypatch.setattr(module, "LIVE_DAYS", (1,))
+    done = ended("demo", "--json")
+    document = json.loads(done.stdout)
+    assert (done.returncode, document["problems"]) == (1, ["no wear alert for joint 3"]), done.stderr
+    assert document["live_replays"] + len(document["not_live_days"]) == 1
+    assert document["stepped_replays"] == 2 - document["live_replays"]
+    assert len(document["torque"]["rms_error_nm"]) == len(document["wear"]) == 6
+    assert document["live_torque_samples"] > 20
 
 
 def test_whoever_waits_for_the_demo_is_told_what_it_does(monkeypatch: pytest.MonkeyPatch):

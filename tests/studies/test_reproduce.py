@@ -16,7 +16,7 @@ from monitor.studies.paper.reproduce import reproduce, reproduction_page, sectio
 from monitor.views.report.html import check_page
 
 SHORT = CampaignSettings(replays=2, evaluations=200, repetitions=1)
-pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("reproduce")]  # one campaign for all of them, on a machine that may be busy
+pytestmark = pytest.mark.timeout(600)  # on a machine that may be busy
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,7 @@ def test_a_result_that_contradicts_the_paper_fails_its_check(found):
     assert {"fv of every joint falls as it warms", "and not with the wrong one"} <= failed
 
 
+@pytest.mark.soak
 def test_the_page_is_one_file_that_needs_no_network(found, parts):
     """It has no script and no link to another file, and contains every drawing and table."""
     text = reproduction_page([found], {"ur5": parts}, SHORT, 1.0)

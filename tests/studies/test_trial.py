@@ -39,6 +39,7 @@ def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
     assert "holds a trial already" in again.stderr
 
 
+@pytest.mark.soak
 def test_the_e_series_path_of_the_documentation_yields_a_verdict(tmp_path):
     """`init` for a UR5e, and the daemon judges its replay: currents times the gains that `init` wrote."""
     path = tmp_path / "cell-1.toml"

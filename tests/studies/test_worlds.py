@@ -37,8 +37,6 @@ from monitor.studies.worlds.laws import (
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import Episodes, LifeAnswer, judge_world, life_documents, play_world, world_document, world_line
 
-pytestmark = pytest.mark.xdist_group("worlds")  # one worker judges each world once
-
 SHAPE = (1000, 20, 6)
 ASSESS = AssessSettings()
 
