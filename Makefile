@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # on two cores: two have an arm in real time, the others compute, or wait for a client or a browser
-WORKERS ?= 5
+WORKERS ?= 4
 # more threads of linear algebra would only fight over the cores
 export OMP_NUM_THREADS ?= 1
 # the suite starts hundreds of commands: each would compile the program anew
@@ -26,7 +26,7 @@ demo: $(STAMP) ## the main job: a simulated UR5 whose joint wears, watched for w
 	$(BIN)/joint-monitor demo
 
 quick: $(STAMP) ## what needs no process and no socket, in a minute
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak and not slow" $(addprefix tests/,model identify judge design store test_reason.py)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not soak and not slow" $(addprefix tests/,model identify judge design store config test_reason.py)
 
 test: $(STAMP) ## the whole ordinary suite
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not soak"

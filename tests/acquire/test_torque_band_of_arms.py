@@ -119,9 +119,9 @@ def along(excitation: Excitation) -> Callable[[float], Array]:
 @pytest.mark.parametrize(
     ("name", "normal"),
     [
-        ("ur16e-wall", "as learnt"),
         ("ur5-ground", "cold and worn"),
         pytest.param("ur5-ground", "as learnt", marks=pytest.mark.soak),
+        pytest.param("ur16e-wall", "as learnt", marks=pytest.mark.soak),
         pytest.param("ur16e-wall", "cold and worn", marks=pytest.mark.soak),
     ],
 )
@@ -147,7 +147,9 @@ def test_the_ways_to_the_start_and_back_stay_within_the_band(name, normal):
         assert 0.0 < band.largest_share < 0.95
 
 
-@pytest.mark.parametrize(("share", "longest_ticks"), [(0.3, 3), (0.05, 6), (0.02, 11)])
+@pytest.mark.parametrize(
+    ("share", "longest_ticks"), [(0.05, 6), *(pytest.param(*late, marks=pytest.mark.soak) for late in ((0.3, 3), (0.02, 11)))]
+)
 def test_late_targets_jolt_the_arm_and_do_not_leave_the_band(share, longest_ticks):
     """Up to 88 ms late; the stream itself ends at 0.1 s. A busy machine must not look like a collision."""
     learnt = learnt_arm("ur5-ground")

@@ -37,6 +37,7 @@ def test_every_cell_fits_every_arm(robot):
                     assert (np.abs(q) <= arm.max_position_rad).all(), (name, step)
 
 
+@pytest.mark.soak
 def test_equal_seeds_give_equal_production_and_another_seed_stands_elsewhere():
     """Work is a function of its settings; the places of another seed are centimetres away."""
     first, again = (record(ProductionSettings(cell="pick-and-place", hours=2.0 / 3600.0)) for _ in range(2))
@@ -76,6 +77,7 @@ def test_a_declared_part_shows_as_payload_and_an_undeclared_one_only_as_a_force(
     assert weight_n == pytest.approx(9.81, abs=0.5)  # the mean of noise of 0.4 N over 30 rows and more
 
 
+@pytest.mark.soak
 def test_force_control_presses_and_leads_the_arm_off_its_path():
     """The sensor shows 25 N on an uneven surface, within what its gain leaves; afterwards the program goes on from where the arm is."""
     recording, _ = worked("polishing", 9.0, robot="ur5e")

@@ -11,7 +11,7 @@ from sim_process import eventually, result_of, wait_for
 pytestmark = pytest.mark.real_time
 
 
-@pytest.mark.parametrize("robot", ["ur5", "ur5e"])
+@pytest.mark.parametrize("robot", ["ur5", pytest.param("ur5e", marks=pytest.mark.soak)])
 def test_control_moves_streams_and_answers(spawn, client, robot):
     """moveJ reaches its goal, servoJ follows a sine of 0.6 rad/s to a few milliradians, queries answer, stopScript ends the program."""
     simulator = spawn("--robot", robot)

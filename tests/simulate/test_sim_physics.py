@@ -288,6 +288,7 @@ def test_half_an_hour_of_motion_warms_a_joint_by_twelve_to_seventeen_kelvin():
     assert 10.0 < rise[0] < 20.0
 
 
+@pytest.mark.soak
 def test_a_joint_pulled_slowly_through_a_spring_sticks_and_slips():
     """A spring of 60 N·m/rad pulls the base joint. At 12 mrad/s it stands most of the time and jumps; at 0.3 rad/s it slides."""
 

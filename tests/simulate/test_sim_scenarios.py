@@ -189,7 +189,7 @@ def test_a_fault_may_be_part_of_a_scenario():
 
 
 @pytest.mark.parametrize("robot", robot_names())
-@pytest.mark.parametrize("mounting", ["ground", "ceiling", "20,-35,60"])
+@pytest.mark.parametrize("mounting", ["20,-35,60", *(pytest.param(name, marks=pytest.mark.soak) for name in ("ground", "ceiling"))])
 def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
     """A move of half a radian with half the payload reaches its goal without a stop, below the torque limits."""
     settings = SimulateSettings(robot=robot, mounting=Mounting.parse(mounting), payload_kg=0.5 * load_robot(robot).payload_max_kg)

@@ -256,7 +256,11 @@ def test_a_refusal_is_shown_in_the_dialog(opened):
 
 @pytest.mark.parametrize(
     ("size", "scheme", "language"),
-    [("desktop", "light", "en"), ("desktop", "dark", "de"), ("phone", "light", "de"), ("phone", "dark", "en")],
+    [
+        ("desktop", "light", "en"),
+        ("phone", "dark", "de"),
+        *(pytest.param(*other, marks=pytest.mark.soak) for other in (("desktop", "dark", "de"), ("phone", "light", "en"))),
+    ],
 )
 def test_it_fits_and_can_be_read_in_every_size_and_scheme(opened, size, scheme, language):
     """Nothing is wider than the window, text has a contrast of 4.5 or more, and what one touches is 20 pixels high or more."""

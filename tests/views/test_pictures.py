@@ -1,4 +1,4 @@
-"""The pictures of the documentation, taken in a real Chromium: `make pictures` writes them, the ordinary test only takes them."""
+"""The pictures of the documentation, taken in a real Chromium: `make pictures` writes them, the soak only takes them."""
 
 import io
 import os
@@ -17,7 +17,7 @@ from monitor.views.report.page import report_page
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is not tested in a browser").expect
 
-pytestmark = [pytest.mark.xdist_group("page"), pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.soak, pytest.mark.xdist_group("page"), pytest.mark.timeout(240)]
 DOCS = Path(__file__).parents[2] / "docs"
 DAYS = 33  # of wear whose limit is some weeks away
 A4 = {"width": 688, "height": 1028}  # CSS pixels between the margins

@@ -37,8 +37,10 @@ def opened(tabs, plant):
     assert complaints == []
 
 
-@pytest.mark.parametrize(("locale", "says"), [("en-GB", "Maintenance required"), ("de-DE", "Wartung")])
-@pytest.mark.parametrize(("size", "scheme"), [("desktop", "light"), ("phone", "dark")])
+@pytest.mark.parametrize(
+    ("size", "scheme", "locale", "says"),
+    [("desktop", "light", "en-GB", "Maintenance required"), ("phone", "dark", "de-DE", "Wartung")],
+)
 def test_the_sick_arm_stands_first_and_nothing_is_cut(opened, size, scheme, locale, says):
     """On both sizes, in both languages."""
     page = opened(size, scheme, locale)
