@@ -469,7 +469,7 @@ VERDICTS: dict[str, tuple[str, ...]] = {  # how they are found, kept and explain
     ),
     "remaining life": (
         "test_assess.py::test_remaining_life_is_near_the_truth_for_a_constant_rate",
-        "judge/test_wear_paths.py::test_p10_to_p90_hold_eight_of_ten_on_every_path",
+        "evidence/test_judge_wear.py::test_p10_to_p90_hold_eight_of_ten_on_every_path",
         "judge/test_usage.py::test_remaining_life_is_given_in_revolutions",
     ),
     "maintenance of a joint": (

@@ -23,9 +23,6 @@ from monitor.judge.settings import AssessSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.studies.fleet_prior import Joint, LearntArm, learn_prior, learn_wear, rising
-from monitor.studies.rehearsal.fleet import FleetSettings
-from monitor.studies.rehearsal.play import COMPARABLE, play
-from monitor.studies.rehearsal.rehearse import answers_of, wear_along
 
 pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
 
@@ -75,36 +72,6 @@ def test_a_fleet_that_wears_along_one_path_says_so_and_how_long_it_takes():
     assert found.straight > 0.7
     assert found.life_days == pytest.approx(LIFE, rel=0.15)
     assert found.life_spread < 0.5
-
-
-@pytest.mark.soak
-def test_at_a_third_of_life_a_prior_of_wear_brings_the_median_to_the_truth():
-    """Arms that it was not learnt from: within 20 % of the truth in most, and in more of them than without."""
-    near = []
-    for drift in (with_wear(None), with_wear(learnt())):
-        days, left = medians("straight", 0.33, drift, seed=5)
-        near.append(np.mean(np.abs(days - left) <= 0.2 * left))
-    assert near[1] > 0.6
-    assert near[1] > near[0]
-
-
-@pytest.mark.soak
-def test_a_joint_that_wears_otherwise_is_not_held_to_its_fleet():
-    """It accelerates; 200 joints of its fleet rise along a straight path, and take three times as long. Its date is hardly later."""
-    slow = WearPrior(joints=200, slowing=0.02, straight=0.96, accelerating=0.02, life_days=3.0 * LIFE, life_spread=0.2)
-    days, _ = medians("accelerating", 0.75, with_wear(slow))
-    without, _ = medians("accelerating", 0.75, DRIFT)
-    assert len(days) == len(without) == ASKED
-    assert np.median(days) < 1.2 * np.median(without)
-
-
-@pytest.mark.soak
-def test_a_prior_that_says_nothing_of_wear_changes_no_date():
-    """A document of an earlier release has no such figures: every field of remaining life is the same to the bit."""
-    state, _ = worn_fleet("accelerating", ASKED, 0.75)
-    for k in range(2):
-        lives = [remaining_life_of_joint(state, J * k + 1, drift, PROGNOSIS) for drift in (with_wear(None), DRIFT)]
-        assert lives[0] == lives[1]
 
 
 def test_joints_that_rise_slowly_are_counted_as_beginnings_of_wear():
@@ -218,40 +185,3 @@ def test_a_joint_that_production_moves_needs_as_much_evidence_as_without_a_fleet
     ):
         assert not noise_known(state, prior)[moved].any()
     assert noise_known(in_production, prior)[~moved] == pytest.approx(ARMS / (ARMS + 4.0))
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-@pytest.mark.parametrize(
-    ("path", "spread", "least"),
-    [("straight", 0.15, 0.5), ("root", 0.15, 0.4), ("straight", 0.5, 0.35)],
-    ids=["straight, lives alike", "root, lives alike", "straight, 10 to 80 % a year"],
-)
-def test_remaining_life_at_a_quarter_of_life(soak_row, request, path: str, spread: float, least: float):
-    """α-λ (P50 within 20 % of the truth) of 96 arms that wear; the prior is of 96 other ones after 260 days."""
-    rng, assess, arms = np.random.default_rng(29), AssessSettings(), 96
-    rate, joint = 0.3 * np.exp(spread * rng.normal(size=arms)) / 365.0, rng.integers(0, 6, arms)
-    fleet = FleetSettings(arms=arms, days=260, seed=31, scenarios=COMPARABLE)
-    state = play(fleet, assess, wear_along(path, rate, joint, assess.prognosis.limit_rise)).state.filter_state
-    learnt_from = [LearntArm(f"cell-{k}", "ur5", of_arm(state, k, 6), 260.0) for k in range(arms)]
-    document = learn_prior(learnt_from, assess.drift, assess.temperature)
-    prior = prior_from_document(document, "ur5", 6, assess.drift.reference_speed_rad_s, digest="0")
-    rate, joint = np.sort(0.3 * np.exp(spread * rng.normal(size=arms))) / 365.0, rng.integers(0, 6, arms)
-    reached = []
-    for settings in (assess, replace(assess, drift=replace(assess.drift, prior=prior))):
-        answers = [
-            each
-            for k, part in enumerate(np.array_split(np.arange(arms), 2))
-            for each in answers_of(path, rate[part], joint[part], settings, replace(fleet, arms=len(part), seed=37 + k), (0.25,))
-        ]
-        dated = [each for each in answers if each.covered is not None]
-        near, held = sum(each.near for each in answers), np.mean([each.covered for each in dated])
-        ratio = np.median([each.ratio for each in dated])
-        reached.append(near / arms)
-        text = (
-            f"{near / arms:.0%} of all, {near / len(dated):.0%} of the {len(dated)} with a date; P10–P90 {held:.0%}; P50/truth {ratio:.2f}"
-        )
-        soak_row(f"{request.node.callspec.id}: {'without' if settings is assess else 'with prior'}", text, "≥ 80 %")
-    assert reached[1] > reached[0]
-    assert reached[1] >= least
-    assert held > 0.7

@@ -15,7 +15,6 @@ from monitor.judge.alerts.evidence import (
     wear_of_state,
     weigh_evidence,
 )
-from monitor.judge.drift.update import change_detection
 from monitor.judge.drift.update.change_detection import (
     LONG,
     MOST_A_DAY,
@@ -119,18 +118,6 @@ def test_frequent_replays_need_more_evidence_each(age, interval_days, noise, bes
         assert np.array_equal(of, daily)
 
 
-@pytest.mark.soak
-def test_chance_finds_no_more_in_a_year_of_four_replays_a_day(monkeypatch):
-    """Sixty healthy arms for three months, ρ 0.5 from replay to replay: most of what four times as many chances find is none."""
-
-    def found():
-        return Lived(60, 360, lambda number: np.zeros(J), seed=4, interval_days=0.25).found.any(axis=0).sum()
-
-    often = found()
-    monkeypatch.setattr(change_detection, "OF_FREQUENT", 0.0)
-    assert often <= 0.4 * found()
-
-
 @given(st.floats(1.0, 300.0), st.floats(0.0, 1.0), st.floats(0.0, 0.5))
 def test_who_switched_steps_or_rates_off_has_the_other_kind_as_before(age, known, noise):
     """Thresholds of 20 σ: of a kind that is off, no candidate of any age is found."""
@@ -151,24 +138,6 @@ def test_an_old_step_needs_no_more_evidence_than_a_rate_did_at_once():
     assert of_step[3] > of_rate[3]
     assert np.sqrt(of_step) == pytest.approx([4.54, 4.30, 4.14, 3.97], abs=0.01)
     assert needed(20.0, beside_production=True)[0] == pytest.approx(DRIFT.shift_sigma**2 - 2.0 * np.log(20.0) + OF_PRODUCTION)
-
-
-@pytest.mark.soak
-def test_a_step_in_a_noisy_joint_is_found_sooner_than_by_the_threshold_of_a_usual_one(monkeypatch):
-    """Thirty arms of σ 3.8 %, and a step of 5 % in their third joints: sooner in some of them, and later in none."""
-
-    def found():
-        return Lived(30, 220, lambda day: of_joint(2, 0.05 * (day >= 140)), seed=1, between_std=0.038).found
-
-    noisy = found()
-    monkeypatch.setattr(change_detection, "OF_NOISE", 0.0)
-    usual = found()
-    alike = np.all(noisy[:140] == usual[:140], axis=(0, 2))  # no chance was found before
-    assert alike.sum() >= 25
-    noisy, usual = (np.where(each[140:, alike, 2].any(axis=0), np.argmax(each[140:, alike, 2], axis=0), 80) for each in (noisy, usual))
-    assert np.all(noisy <= usual)
-    assert np.mean(noisy < usual) >= 0.1
-    assert np.mean(usual - noisy) >= 0.4
 
 
 def test_a_rate_that_began_months_ago_needs_less_than_before():

@@ -11,9 +11,6 @@ from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import STEP
 from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.step import Replay, initial_state, step
-from monitor.judge.drift.undetected_change import FOUND_SIGMAS, unseen_step
-from monitor.judge.drift.update.change_detection import JointNoise, thresholds
 from monitor.judge.learn import begin, learn
 from monitor.judge.temperature.laws import TemperatureSettings
 
@@ -59,51 +56,6 @@ def test_a_healthy_joint_has_the_uncertainty_of_one_that_may_wear():
     mean, std = belief.wear_with_undetected(replace(DRIFT, onsets_per_year=0.0))
     assert np.allclose(mean, belief.wear, rtol=0, atol=1e-15)  # rounding
     assert np.allclose(std, belief.wear_std, rtol=1e-12)
-
-
-@pytest.mark.soak
-def test_the_step_that_may_be_unseen_is_the_one_that_detection_finds():
-    """Of 100 joints of σ = 2 % that step by the size told for each of them, detection finds nine of ten at least in ten days, to 80 %."""
-    rng, arms, day = np.random.default_rng(3), 20, 90
-    N, state = 6 * arms, None
-    noise = np.zeros(N)
-    found, told = np.zeros(N, dtype=bool), np.zeros(N)
-    stepped = np.arange(N) % 6 < 5
-    for k in range(day + 11):
-        noise = 0.5 * noise + np.sqrt(0.75) * 0.02 * rng.normal(size=N)
-        replay = observation(noise + np.where((k >= day) & stepped, told, 0.0))
-        state = state or initial_state(replay, 6, DRIFT, LAWS)
-        state = step(state, Replay(observation=replay, days=np.full(arms, float(k > 0))), DRIFT, LAWS).state
-        if k == day - 1:
-            unseen = unseen_step(state.filter_state, 6, DRIFT)
-            stepped &= np.isfinite(unseen.days)  # nothing is told after a detection a few days ago
-            assert stepped.sum() >= 95
-            told = np.where(stepped, unseen.log_rise, 0.0)
-            assert np.allclose(unseen.days[stepped], 10.0, atol=0.1)
-            assert np.all((told[stepped] > 0.02) & (told[stepped] < 0.12))
-        if k >= day:
-            found |= state.filter_state.event == STEP
-    assert found[stepped].mean() >= 0.8
-
-
-@pytest.mark.soak
-def test_the_step_that_may_be_unseen_is_by_the_threshold_of_the_joints_noise():
-    """Three replays a day, of σ 4 %: after ten days detection needs less than in a joint of σ 2 %, and that is what is told."""
-    rng, state = np.random.default_rng(5), None
-    for k in range(270):
-        replay = observation(0.04 * rng.normal(size=6))
-        state = state or initial_state(replay, 6, DRIFT, LAWS)
-        state = step(state, Replay(observation=replay, days=np.full(1, (k > 0) / 3.0)), DRIFT, LAWS).state
-    told, seen = unseen_step(state.filter_state, 6, DRIFT), state.filter_state
-    at = np.argmin(np.abs(seen.ages / 3.0 - told.days[:, None]), axis=1)[:, None]
-    information = np.take_along_axis(seen.glr_informations[:, 0] / seen.chance.of_starts()[:, 0], at, axis=1)[:, 0]
-    sigmas = told.log_rise * np.sqrt(information) - FOUND_SIGMAS
-    noisy, usual = (
-        np.take_along_axis(thresholds(seen.ages, DRIFT, JointNoise(np.zeros(6), var, seen.interval_days))[:, 0], at, axis=1)[:, 0]
-        for var in (seen.noise_var(6, DRIFT), np.zeros(6))
-    )
-    assert sigmas**2 == pytest.approx(noisy, rel=1e-9)
-    assert np.all(noisy < usual - 0.1)
 
 
 def observation(y: np.ndarray) -> Observation:

@@ -78,26 +78,7 @@ def test_a_joint_without_a_square_is_as_it_was_and_every_factor_is_bounded(seed:
     assert np.all(volatility.of_new_joints(np.ones(joints, dtype=bool)).factor(joints) == 1.0)
 
 
-@pytest.mark.soak
-def test_a_rough_fortnight_of_a_joint_is_no_wear_where_such_came_before() -> None:
-    """8 arms, σ of each joint walks, after ten months: 7 to 9 joints had an alert while each had the σ that it has on average."""
-    rng, days, joints = np.random.default_rng(2), 600, 8 * J
-    _, alerted = lived(swelling(rng, days, joints) * correlated(rng, days, joints, std=0.02, rho=0.5), learning=300)
-    assert alerted.sum() <= 3  # none and one of two seeds
-
-
 MIXED = np.array([0.003, 0.006, 0.012, 0.02, 0.03, 0.05])
-
-
-@pytest.mark.parametrize(("std", "rho"), [(0.002, 0.5), (MIXED, 0.5), (0.02, 0.9)], ids=["quiet", "mixed", "long"])
-@pytest.mark.soak
-def test_noise_below_what_a_replay_resolves_or_far_from_its_prior_shows_none(std: float | Array, rho: float) -> None:
-    """10 arms, eight months. While the prior of 2 % fades, quiet joints seem to become noisier; and squares that vanish are all alike."""
-    rng, arms = np.random.default_rng(13), 10
-    state, _ = lived(np.tile(std * np.ones(J), arms) * correlated(rng, 240, arms * J, std=1.0, rho=rho))
-    volatility = state.filter_state.volatility
-    assert np.all(volatility.coefficient(J) < 0.2)
-    assert np.all(np.abs(volatility.factor(J) - 1.0) < 0.3)
 
 
 def test_a_joint_that_is_noisier_for_good_does_not_make_its_arm_volatile() -> None:
