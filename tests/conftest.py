@@ -50,7 +50,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """From here on, rubbish is looked for."""
+    """From here on, rubbish is looked for, and not among what all tests share."""
+    gc.freeze()
     gc.enable()
 
 

@@ -79,7 +79,7 @@ def program(tmp_path_factory) -> Program:
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_steps_of_the_page_make_a_condition_that_is_told_in_every_language(program: Program) -> None:
     """`make texts` asks for four translations and for no more; after them headline, advice, state and table's row are there."""
     asked = program.run("docs/site/texts.py")
