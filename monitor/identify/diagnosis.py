@@ -1,26 +1,37 @@
-"""Why a fit is poor: the causes that leave a trace in the residual, joint by joint.
+"""What a fit shows of its recordings: joints that hardly moved, parameters that are not determined, and causes of a poor fit.
 
 A joint whose residual is large has a warning of its own, `poor_fit`. Some causes also bend friction where the residual stays small: torque
 that comes late against the motion looks viscous, and an offset looks like weight. These are fitted beside the law, on a part of the rows.
+Each detector is a function of `Fitted`; `detectors` has the table. Joints that hardly move have a warning of their own and no other.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from monitor.identify.fit.covariance import Causes
 from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import Felt, Rows
-from monitor.identify.gain_check import GAIN_DOUBTFUL
+from monitor.identify.fit.least_squares import Felt, Rows, best_condition, together
+from monitor.identify.gain_check import GAIN_DOUBTFUL, gain_warnings
+from monitor.identify.mounting import mounting_check
 from monitor.identify.signals.filters import low_pass
-from monitor.identify.signals.order import median
-from monitor.identify.warnings import MOVING_SHARE, moving_share
+from monitor.model.base import Base
 from monitor.model.friction import smooth_sign
-from monitor.model.robot import Robot
+from monitor.model.robot import Mounting, Robot
 from monitor.reason import Reason, Sentence, joints_by_number
-from monitor.recording import Array, Mask
+from monitor.recording import Array, Indices, Mask
+
+MOVING_SHARE = 0.2  # fraction of a recording's samples in which a joint moves: with less, its friction rests on a few seconds
+USEFUL_SPEED_RAD_S = 0.2  # a joint that is always slower does not separate fc from fv
+ONE_WAY_SHARE = 0.05  # fraction of the moving samples in one direction: with less, friction cannot be separated from weight
+OUTLIER_WEIGHT = 0.2  # robust weight of a sample that is five standard deviations off
+OUTLIER_SHARE = 0.01  # fraction of the samples with a lower weight; normal noise has none
+SAMPLES_A_PARAMETER = 20  # fewer samples for each parameter are few
+WORST_CONDITION = 1000.0  # an optimised excitation reaches 50–200: Raviola et al. (2021), table 3
+MOST_RESIDUAL_RATIO = 1.02  # residual of the physically consistent fit over that of unconstrained least squares
 
 POOR = 0.15  # of the torque's RMS: the residual of real arms in motion is 2–9 % of it
 LATE_S = 0.025  # real wrists grip before they slide, which looks like 10–22 ms; a filter or a slow clock delays by more
@@ -44,6 +55,27 @@ REFERENCE_RAD_S = 0.4  # at which friction is compared: every joint in motion re
 # turns of a motor, by those of another joint
 COUPLINGS = tuple(sign * quarter / 4.0 for quarter in range(1, 9) for sign in (1.0, -1.0))
 
+
+HARDLY_MOVES = Sentence(
+    "joint_hardly_moves",
+    "joint {joint} moves in {share:.0%} of the samples and never faster than {fastest_rad_s:.2g} rad/s: its friction is a guess",
+)
+ONE_DIRECTION = Sentence("one_direction", "joint {joint} moves one way only: Coulomb friction cannot be told from weight")
+OUTLIERS = Sentence("outliers", "joint {joint}: {share:.1%} of the samples do not fit the rest and had next to no weight")
+FEW_SAMPLES = Sentence("few_samples", "{samples} samples for {parameters} parameters; {enough} or more are better")
+NOT_EXCITED = Sentence("not_excited", "this motion does not reveal {missing}: those values are the manufacturer's")
+ILL_CONDITIONED = Sentence(
+    "ill_conditioned", "the condition number of this motion is {condition:.3g}, in the best base; a designed excitation reaches 50–200"
+)
+UNPHYSICAL_FRICTION = Sentence(
+    "unphysical_friction",
+    "joint {joint}: fc = {fc_nm:.3g} N·m, fv = {fv_nm_s_per_rad:.3g} N·m·s/rad; friction cannot be negative: "
+    "gains, model or motion are wrong",
+)
+FAR_FROM_PHYSICAL = Sentence(
+    "far_from_physical",
+    "the best arm that can exist leaves {more:.1%} more than the best that cannot: gains, mounting, robot or friction law are doubtful",
+)
 POOR_FIT = Sentence("poor_fit", "joint {joint}: the model misses {share:.0%} of the torque, on a sound recording below 10 %{also}")
 COUPLED = Sentence(
     "coupled_friction",
@@ -91,40 +123,142 @@ class _Traces:
     offset_std_nm: Array
 
 
-def diagnose(
-    problem: FitProblem, found: Fit, causes: Causes, robot: Robot, *, nominal: Array, friction_nm: Array, relative_rms: Array
-) -> Iterator[Reason]:
-    """Warnings about fits that are poor, and about causes that bend friction without a large residual.
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots: what several detectors ask for is made once
+class Fitted:
+    """A fit, and what it was made of."""
 
-    causes : of the fit. nominal : (B,) the manufacturer's base parameters. friction_nm : (J,) at 0.4 rad/s.
-    relative_rms : (J,) residual over torque.
-    Joints that hardly move have a warning of their own and none of these.
+    problem: FitProblem
+    found: Fit
+    causes: Causes
+    robot: Robot
+    mounting: Mounting
+    base: Base
+    moving: Sequence[Mask]  # (N, J) of each recording
+    friction: Array  # (J, 2) fc [N·m] and fv [N·m·s/rad]; NaN where unknown
+    relative_rms: Array  # (J,) residual over torque
+    residual_ratio: float | None  # of the physically consistent arm; None: the method was another
+
+    @cached_property
+    def Y(self) -> Array:
+        """`together` of the fit."""
+        return together(self.found.joints)
+
+    @property
+    def fitted_base(self) -> Indices:
+        """The base parameters that were fitted: all, or those of friction."""
+        layout = self.problem.layout
+        return np.flatnonzero(~layout.rigid) if layout.frozen else np.arange(self.base.count)
+
+    @cached_property
+    def seen(self) -> Mask:
+        """(J,) the joints that move enough to tell something."""
+        return moving_share([eq.used for eq in self.problem.equations]) > MOVING_SHARE
+
+    @property
+    def poor(self) -> Mask:
+        """(J,) the joints whose residual is large."""
+        return self.seen & (self.relative_rms > POOR)
+
+    @property
+    def friction_nm(self) -> Array:
+        """(J,) friction at the reference speed; NaN for joints that hardly move."""
+        return np.where(self.seen, self.friction @ [1.0, REFERENCE_RAD_S], np.nan)
+
+    @cached_property
+    def traces(self) -> _Traces:
+        """Delay and offset of each joint's torque."""
+        return _traces(self.problem, self.causes, self.found)
+
+    @cached_property
+    def wrong_sizes(self) -> list[Reason]:
+        """What `sizes_doubtful` finds."""
+        return list(_wrong_sizes(self))
+
+
+# --- Motion, rows and solution ---------------------------------------------------------------------------
+
+
+def mounting_contradiction(fitted: Fitted) -> Iterator[Reason]:
+    """Gravity in the data has another direction than the mounting says."""
+    equations = fitted.problem.equations
+    found = mounting_check([eq.motion for eq in equations], [eq.torque_nm for eq in equations], fitted.robot, fitted.mounting)
+    if found is not None:
+        yield found
+
+
+def moving_share(moving: Sequence[Mask]) -> Array:
+    """(J,) fraction of the samples in which a joint moves, of the recording in which it moves most. moving : (N, J) of each recording.
+
+    Of the sweeps of single joints each moves one joint throughout, and in all together every joint moves in a sixth of the samples.
     """
-    seen = moving_share([eq.used for eq in problem.equations]) > MOVING_SHARE  # (J,)
-    friction_nm = np.where(seen, friction_nm, np.nan)
-    traces = _traces(problem, causes, found)
-    poor = seen & (relative_rms > POOR)
-    yield from _late(_shifted(problem, found, traces, poor) if poor.any() else traces, seen)
-    yield from _offsets(traces, friction_nm)
-    yield from _shapes(found, causes, problem.equations[0].motion.rate_hz, seen & ~poor)
-    yield from _gains(problem, robot, nominal, found.solution.values[: len(problem.prior)], friction_nm)
-    relative_rms = np.where(seen, relative_rms, np.nan)
-    for j in np.flatnonzero(relative_rms > POOR):
-        also: Reason | str = ""
-        if (coupled := _coupled(problem, found, int(j))) is not None:
-            other, share = coupled
-            also = COUPLED(joint=j + 1, share=share, other=other + 1)
-        elif (cause := _explained_by(found, int(j), len(relative_rms))) is not None:
-            also = BY_OTHER_JOINT(other=cause + 1)
-        yield POOR_FIT(joint=j + 1, share=relative_rms[j], also=also)
+    share: Array = np.max([np.mean(one, axis=0) for one in moving], axis=0)
+    return share
 
 
-def _late(traces: _Traces, seen: Mask) -> Iterator[Reason]:
+def poorly_moved(fitted: Fitted) -> Iterator[Reason]:
+    """Joints that hardly move, or in one direction only."""
+    qd, on = np.concatenate([eq.motion.qd for eq in fitted.problem.equations]), np.concatenate(fitted.moving)
+    for j, share in enumerate(moving_share(fitted.moving).tolist()):
+        fastest = float(np.max(np.abs(qd[:, j])))
+        forward = float(np.mean(qd[on[:, j], j] > 0.0)) if share else 0.0
+        if share < MOVING_SHARE or fastest < USEFUL_SPEED_RAD_S:
+            yield HARDLY_MOVES(joint=j + 1, share=share, fastest_rad_s=fastest)
+        elif min(forward, 1.0 - forward) < ONE_WAY_SHARE:
+            yield ONE_DIRECTION(joint=j + 1)
+
+
+def outliers(fitted: Fitted) -> Iterator[Reason]:
+    """Joints of which many samples lost their weight in a robust fit."""
+    weighted = [(rec.used, rec.robust_weight) for rec in fitted.found.rows if rec.robust_weight is not None]
+    for j in range(fitted.robot.joints if weighted else 0):
+        weight = np.concatenate([weights[used[:, j], j] for used, weights in weighted])
+        share = float(np.mean(weight < OUTLIER_WEIGHT)) if len(weight) else 0.0
+        if share > OUTLIER_SHARE:
+            yield OUTLIERS(joint=j + 1, share=share)
+
+
+def few_samples(fitted: Fitted) -> Iterator[Reason]:
+    """Few samples for so many parameters."""
+    samples, enough = sum(len(eq.torque_nm) for eq in fitted.problem.equations), SAMPLES_A_PARAMETER * fitted.base.count
+    if samples < enough:
+        yield FEW_SAMPLES(samples=samples, parameters=fitted.base.count, enough=enough)
+
+
+def poorly_excited(fitted: Fitted) -> Iterator[Reason]:
+    """Parameters that the motion does not determine, or a motion that hardly tells them apart."""
+    layout, base = fitted.problem.layout, fitted.base
+    excited = fitted.found.solution.excited[: base.count] | (layout.rigid & layout.frozen)
+    if not np.all(excited):
+        yield NOT_EXCITED(missing="; ".join(name for name, known in zip(base.names, excited, strict=True) if not known))
+    elif (condition := best_condition(fitted.Y, base.combination, fitted.fitted_base)) > WORST_CONDITION:
+        yield ILL_CONDITIONED(condition=condition)
+
+
+def negative_friction(fitted: Fitted) -> Iterator[Reason]:
+    """Friction that would drive a joint."""
+    for j, (fc, fv) in enumerate(fitted.friction):
+        if fc < 0.0 or fv < 0.0:
+            yield UNPHYSICAL_FRICTION(joint=j + 1, fc_nm=fc, fv_nm_s_per_rad=fv)
+
+
+def far_from_physical(fitted: Fitted) -> Iterator[Reason]:
+    """The best arm that can exist fits much worse than the best that cannot."""
+    if fitted.residual_ratio is not None and fitted.residual_ratio > MOST_RESIDUAL_RATIO:
+        yield FAR_FROM_PHYSICAL(more=fitted.residual_ratio - 1.0)
+
+
+# --- Causes of a poor fit, and causes that bend friction without a large residual ------------------------
+
+
+def torque_delayed(fitted: Fitted) -> Iterator[Reason]:
+    """Torque that comes late or early, in all joints or in some."""
+    seen = fitted.seen
     if not seen.any():
         return
+    traces = _shifted(fitted.problem, fitted.found, fitted.traces, fitted.poor) if fitted.poor.any() else fitted.traces
     late, std = traces.late_s, traces.late_std_s
     sure = seen & (np.abs(late) > SURE * std)
-    middle = median(late[seen])
+    middle = float(np.median(late[seen]))
     # grip and wear of the gears make each joint's delay unsure; one clock delays all joints alike, and together they are sure
     certainty = np.where(seen, 1.0 / np.maximum(std, 1e-6) ** 2, 0.0)
     mean, mean_std = float(certainty @ np.nan_to_num(late) / np.sum(certainty)), float(1.0 / np.sqrt(np.sum(certainty)))
@@ -162,45 +296,88 @@ def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _T
     return replace(traces, late_s=late, late_std_s=std)
 
 
-def _shapes(found: Fit, causes: Causes, rate_hz: float, well: Mask) -> Iterator[Reason]:
-    """Torque that was smoothed, or whose size drifts, in the joints that the model describes `well` (J,).
+def _well_described(fitted: Fitted) -> Mask | None:
+    """(J,) the joints that the model describes well; None where they are fewer than half."""
+    well = fitted.seen & ~fitted.poor
+    return well if np.sum(well) >= 0.5 * len(well) else None
 
-    The torque of the fit is compared with the measured one above `QUICK_HZ`, and between the beginning and the end of each recording.
-    """
-    if np.sum(well) < 0.5 * len(well):
+
+def torque_smoothed(fitted: Fitted) -> Iterator[Reason]:
+    """Torque without the changes above `QUICK_HZ` that the fit has."""
+    well, causes = _well_described(fitted), fitted.causes
+    if well is None:
         return
-    smooth = low_pass(rate_hz / causes.every, 2, min(QUICK_HZ, 0.2 * rate_hz / causes.every))
-    both, quick, size, drift, drifted = np.zeros((5, len(well)))  # sums of squares and products
-    for rec, torque in zip(causes.rows, found.torques, strict=True):
-        measured, fitted = both_torques = rec.torque_nm, torque[:: causes.every]
-        slow = np.split(smooth(np.concatenate(both_torques, axis=1)), 2, axis=1)
-        fast, expected = (np.where(rec.used, signal - rest, 0.0) for signal, rest in zip(both_torques, slow, strict=True))
-        both, quick, size = both + np.sum(fast * expected, axis=0), quick + np.sum(expected**2, axis=0), size + np.sum(fitted**2, axis=0)
-        aged = np.where(rec.used, np.linspace(-0.5, 0.5, len(fitted))[:, None] * fitted, 0.0)
-        drift, drifted = drift + np.sum(aged * (measured - fitted), axis=0), drifted + np.sum(aged**2, axis=0)
+    rate_hz = fitted.problem.equations[0].motion.rate_hz / causes.every
+    smooth = low_pass(rate_hz, 2, min(QUICK_HZ, 0.2 * rate_hz))
+    both, quick, size = np.zeros((3, len(well)))  # sums of squares and products
+    for rec, torque in zip(causes.rows, fitted.found.torques, strict=True):
+        expected_nm = torque[:: causes.every]
+        fast, expected = (np.where(rec.used, signal - smooth(signal), 0.0) for signal in (rec.torque_nm, expected_nm))
+        both += np.sum(fast * expected, axis=0)
+        quick += np.sum(expected**2, axis=0)
+        size += np.sum(expected_nm**2, axis=0)
     shown = well & (quick > QUICK_SHARE**2 * size)
-    if np.sum(shown) >= 0.5 * len(well) and (left := median(both[shown] / quick[shown])) < SMOOTHED:
+    if np.sum(shown) >= 0.5 * len(well) and (left := float(np.median(both[shown] / quick[shown]))) < SMOOTHED:
         yield TORQUE_SMOOTHED(share=max(left, 0.0), quick_hz=QUICK_HZ)
-    grown = median(drift[well] / np.maximum(drifted[well], 1e-300))
+
+
+def torque_drifts(fitted: Fitted) -> Iterator[Reason]:
+    """Torque whose size changes beside the motion, from the beginning of each recording to its end."""
+    well, causes = _well_described(fitted), fitted.causes
+    if well is None:
+        return
+    drift, drifted = np.zeros((2, len(well)))
+    for rec, torque in zip(causes.rows, fitted.found.torques, strict=True):
+        expected_nm = torque[:: causes.every]
+        aged = np.where(rec.used, np.linspace(-0.5, 0.5, len(expected_nm))[:, None] * expected_nm, 0.0)
+        drift += np.sum(aged * (rec.torque_nm - expected_nm), axis=0)
+        drifted += np.sum(aged**2, axis=0)
+    grown = float(np.median(drift[well] / np.maximum(drifted[well], 1e-300)))
     if abs(grown) > DRIFTS:
         yield TORQUE_DRIFTS(change="grows" if grown > 0.0 else "falls", share=abs(grown))
 
 
-def _offsets(traces: _Traces, friction_nm: Array) -> Iterator[Reason]:
-    sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(friction_nm))
+def torque_offset(fitted: Fitted) -> Iterator[Reason]:
+    """Torque with an offset, which looks like weight."""
+    traces = fitted.traces
+    sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(fitted.friction_nm))
     for j in np.flatnonzero(sure):
         yield TORQUE_OFFSET(joint=j + 1, offset_nm=traces.offset_nm[j])
 
 
-def _gains(problem: FitProblem, robot: Robot, nominal: Array, values: Array, friction_nm: Array) -> Iterator[Reason]:
+def poor_fit(fitted: Fitted) -> Iterator[Reason]:
+    """Joints whose residual is large, and what explains it."""
+    for j in np.flatnonzero(fitted.poor).tolist():
+        also: Reason | str = ""
+        if (coupled := _coupled(fitted.problem, fitted.found, j)) is not None:
+            other, share = coupled
+            also = COUPLED(joint=j + 1, share=share, other=other + 1)
+        elif (cause := _explained_by(fitted.found, j, fitted.robot.joints)) is not None:
+            also = BY_OTHER_JOINT(other=cause + 1)
+        yield POOR_FIT(joint=j + 1, share=fitted.relative_rms[j], also=also)
+
+
+def gains_doubtful(fitted: Fitted) -> Iterator[Reason]:
+    """Gains that contradict each other or the arm's weight, where the fit is otherwise sound."""
+    if not fitted.poor.any() and not fitted.wrong_sizes:
+        yield from gain_warnings(fitted.problem, fitted.found, fitted.causes, fitted.robot, fitted.mounting, fitted.base)
+
+
+def sizes_doubtful(fitted: Fitted) -> Iterator[Reason]:
     """Friction or weight of a size that the joint cannot have."""
-    weight = [0.0] * robot.joints, [0.0] * robot.joints, [0.0] * robot.joints
+    yield from fitted.wrong_sizes
+
+
+def _wrong_sizes(fitted: Fitted) -> Iterator[Reason]:
+    problem, robot, friction_nm = fitted.problem, fitted.robot, fitted.friction_nm
+    nominal, values = fitted.base.combination @ robot.nominal_parameters(), fitted.found.solution.values[: fitted.base.count]
+    cross, own, theirs = np.zeros((3, robot.joints))
     for eq in problem.equations:
         part = eq.Y.thinned(max(1, len(eq.Y) // ROWS), len(values))
-        fitted, given = part @ np.where(problem.layout.load, values, 0.0), part @ np.where(problem.layout.load, nominal, 0.0)
-        for total, product in zip(weight, (fitted * given, given * given, fitted * fitted), strict=True):
-            total[:] = [sum(pair) for pair in zip(total, np.mean(product, axis=0), strict=True)]
-    cross, own, theirs = (np.array(total) for total in weight)
+        found_nm, given_nm = (part @ np.where(problem.layout.load, parameters, 0.0) for parameters in (values, nominal))
+        cross += np.mean(found_nm * given_nm, axis=0)
+        own += np.mean(given_nm**2, axis=0)
+        theirs += np.mean(found_nm**2, axis=0)
     least, largest = FRICTION_SHARE["torque" if any(eq.motion.torque is not None for eq in problem.equations) else "current"]
     for j in range(robot.joints):
         most = float(robot.max_torque_nm[j])

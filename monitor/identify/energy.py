@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from monitor.errors import BadInput
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import at_motors, motion, refuse_other_arm
+from monitor.identify.signals.arm import motion_of
 from monitor.model.energy import BodyRegion, energy_document, flange_speed, kinetic_energy
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot
@@ -24,8 +24,7 @@ class EnergyPath(NamedTuple):
 
 def path_of_recording(recording: Recording, robot: Robot) -> EnergyPath:
     """The measured motion of a recording. Raises BadInput where the recording is of another arm."""
-    refuse_other_arm(recording, robot)
-    moved = motion(at_motors(recording, robot))
+    moved = motion_of(recording, robot)
     q, qd = robot.joints_of(moved.q), robot.joints_of(moved.qd)
     return EnergyPath(recording.source, moved.t_s - moved.t_s[0], q, qd, recording.context.payload_kg)
 

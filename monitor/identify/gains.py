@@ -11,7 +11,8 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Factor, Rows, factors, residual_rms, solve
 from monitor.identify.settings import SignalSettings
-from monitor.identify.signals.motion import Motion, at_motors, motion, refuse_other_arm
+from monitor.identify.signals.arm import motion_of
+from monitor.identify.signals.motion import Motion
 from monitor.model.base import base_parameters
 from monitor.model.friction import residual_law
 from monitor.model.regressor import friction_columns, regressor
@@ -149,10 +150,9 @@ def _moved(recording: Recording, robot: Robot, settings: SignalSettings) -> Moti
     name = recording.source or "recording"
     if recording.current is None:
         raise BadInput(f"{name}: holds no currents; gains are what a current becomes: record actual_current")
-    refuse_other_arm(recording, robot)
     if recording.joints != robot.joints:
         raise BadInput(f"{name}: has {recording.joints} joints; {robot.name} has {robot.joints}")
-    return motion(at_motors(recording, robot), settings)
+    return motion_of(recording, robot, settings)
 
 
 def _equations(moved: Sequence[Motion], robot: Robot, mounting: Mounting, payload: Array) -> list[_Run]:

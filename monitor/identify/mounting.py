@@ -60,7 +60,7 @@ class Upward:
         return mounting_with_up(self.up)
 
 
-CONTRADICTION = Sentence(
+MOUNTING_CONTRADICTION = Sentence(
     "mounting_contradiction",
     "gravity in the data is {angle_deg:.0f} ± {std_deg:.2g}° from where the mounting {mounting} puts it: "
     "likely is {likely}{sign}{offset}; rotation about the vertical (yaw) never shows in torques",
@@ -85,7 +85,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
         offset = OFFSET_AS_WELL()
     angle_deg, std_deg = math.degrees(found.angle_rad), math.degrees(found.std_rad)
     sign = {"inertia": "", "masses": UP_BY_MASSES(), "open": UP_OPEN()}[found.sign_by]
-    return CONTRADICTION(
+    return MOUNTING_CONTRADICTION(
         angle_deg=angle_deg,
         std_deg=max(std_deg, 0.1),
         mounting=_called(mounting),

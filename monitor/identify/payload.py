@@ -16,7 +16,8 @@ from monitor.identify.fit.jackknife import block_steps, jackknife_covariance
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.identification import Identification
 from monitor.identify.settings import IdentifySettings
-from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
+from monitor.identify.signals.arm import joint_torque, motion_of
+from monitor.identify.signals.motion import Motion
 from monitor.model.regressor import regressor
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.reason import Reason, Sentence
@@ -128,8 +129,7 @@ def _loaded_run(
     recording: Recording, unloaded: Identification, robot: Robot, gains: Array | None, settings: IdentifySettings
 ) -> _LoadedRun:
     """The recording as equations of the payload. Raises BadInput and Unidentifiable as `identify_payload`."""
-    refuse_other_arm(recording, robot)
-    moved = motion(at_motors(recording, robot), settings.signals)
+    moved = motion_of(recording, robot, settings.signals)
     torque = joint_torque(moved, robot, gains)
     layout = layout_of(unloaded.columns, robot.joints)
     Y = regressor(robot, unloaded.mounting, moved.q, moved.qd, moved.qdd)  # (N, J, P)

@@ -9,8 +9,8 @@ from monitor.errors import BadInput
 from monitor.identify.fit.fit import layout_of
 from monitor.identify.identification import Identification
 from monitor.identify.settings import IdentifySettings
-from monitor.identify.signals.motion import Motion, at_motors, joint_torque, motion, refuse_other_arm
-from monitor.identify.signals.rows import along_samples
+from monitor.identify.signals.arm import joint_torque, motion_of
+from monitor.identify.signals.motion import Motion
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
@@ -115,8 +115,7 @@ def validate(
     Raises BadInput and Unidentifiable as `identify` does, but one joint that moves is enough.
     """
     settings = held_out_settings(settings)
-    refuse_other_arm(recording, robot)
-    moved = motion(along_samples(at_motors(recording, robot)), settings.signals)
+    moved = motion_of(recording, robot, settings.signals)
     measured = joint_torque(moved, robot, gains)
     predicted = predict_motion(identification, robot, moved).torque
     moving = moved.moving(settings.moving_rad_s)

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
+from monitor.identify.quality import quality_problem
 from monitor.identify.settings import QualitySettings
-from monitor.identify.signals.cleaning import quality_problem
 from monitor.judge import prediction_error
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.rules import judge

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.identify.detectors import HeldOut, warnings_of
 from monitor.identify.document import document, gains_document, identification_from_document, payload_document
 from monitor.identify.gains import Gains, payload_gains
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
 from monitor.identify.validate import Validation, validate
-from monitor.identify.warnings import of_held_out
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.recording import Array, Recording
 from monitor.store.formats.recordings import read_recording
@@ -138,7 +138,7 @@ def _identified(request: Request) -> Outcome:
     )  # fmt: skip
     validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
     result = document(found, validations)
-    result["warnings"] += [warning.document() for warning in of_held_out(recordings, held_out)]
+    result["warnings"] += [warning.document() for warning in warnings_of(HeldOut(recordings, held_out))]
     if estimated is not None:
         result["gains"] = gains_document(estimated)
     if loaded:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from monitor.config.files import find_excitation
+from monitor.identify.settings import ProductionSettings
 from monitor.model.robot import Mounting, load_robot
 
 ROUNDS = 15
@@ -33,8 +34,8 @@ def cases() -> dict[str, Callable[[], object]]:
     from monitor.identify.production.arm import ProductionArm, ProductionRows
     from monitor.identify.production.estimate import estimate
     from monitor.identify.production.gather import gather
-    from monitor.identify.settings import ProductionSettings
-    from monitor.identify.signals.motion import joint_torque, motion
+    from monitor.identify.signals.arm import joint_torque
+    from monitor.identify.signals.motion import motion
     from monitor.judge.assess import assess
     from monitor.model.base import base_parameters
     from monitor.model.regressor import felt_columns, felt_regressor, regressor
@@ -146,7 +147,8 @@ class Figaroh:
 def show_errors() -> None:
     """The error of both on the motion that was fitted and on one that was not, as a part of the torque."""
     from monitor.identify.identify import identify
-    from monitor.identify.signals.motion import joint_torque, motion
+    from monitor.identify.signals.arm import joint_torque
+    from monitor.identify.signals.motion import motion
     from monitor.identify.validate import predict_motion
     from monitor.simulate.controller.controller import Controller
     from monitor.simulate.settings import SimulateSettings

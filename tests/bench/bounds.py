@@ -12,17 +12,16 @@ from typing import Any
 import numpy as np
 import scipy
 
-from monitor.identify.diagnosis import REFERENCE_RAD_S, diagnose
+from monitor.identify.detectors import warnings_of
+from monitor.identify.diagnosis import Fitted
 from monitor.identify.fit.covariance import Causes, covariances
-from monitor.identify.fit.fit import FitProblem, equations_of, first_fit, layout_of
-from monitor.identify.gain_check import gain_warnings
+from monitor.identify.fit.fit import FitProblem, first_fit, problem_of
 from monitor.identify.identify import identify
-from monitor.identify.mounting import mounting_check
 from monitor.identify.settings import IdentifySettings
+from monitor.identify.signals.arm import joint_torque
 from monitor.identify.signals.filters import low_pass
-from monitor.identify.signals.motion import joint_torque, motion
+from monitor.identify.signals.motion import motion
 from monitor.identify.signals.ripple import gear_ripple
-from monitor.identify.signals.rows import along_samples
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor
 from monitor.model.robot import Mounting, Robot
@@ -33,26 +32,31 @@ ROUNDS = 25
 
 def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, Callable[[], object]]:
     """What is timed, by name. The stages are those of `identify wls`."""
-    recording = along_samples(recording)
     moved, base, settings = motion(recording), base_parameters(robot, mounting), IdentifySettings()
     torque, felt = joint_torque(moved, robot), felt_columns(base.columns, robot.joints)
 
     def problem() -> FitProblem:
-        rows = equations_of(
-            moved, torque, robot, mounting, base, all_rows=False, moving_rad_s=settings.moving_rad_s, block_s=settings.block_s
-        )
-        nominal = base.combination @ robot.nominal_parameters()
-        return FitProblem(equations=[rows], layout=layout_of(base.columns, robot.joints), prior=nominal)
+        return problem_of([moved], [torque], robot, mounting, base, settings, all_rows=False, known=None)
 
     equations = problem()
     fitted = first_fit(equations, "wls")
     causes = Causes(equations, fitted, equations.redundancy)
-    friction = fitted.solution.values[equations.layout.friction] @ [1.0, REFERENCE_RAD_S]
 
     def told() -> object:
-        nominal, none = equations.prior, np.zeros(robot.joints)
-        warnings = diagnose(equations, fitted, causes, robot, nominal=nominal, friction_nm=friction, relative_rms=none)
-        return [*warnings, *gain_warnings(equations, fitted, causes, robot, mounting, base)]
+        return warnings_of(
+            Fitted(
+                problem=equations,
+                found=fitted,
+                causes=causes,
+                robot=robot,
+                mounting=mounting,
+                base=base,
+                moving=[moved.moving()],
+                friction=fitted.solution.values[equations.layout.friction],
+                relative_rms=np.zeros(robot.joints),
+                residual_ratio=None,
+            )
+        )
 
     N, sizes = moved.samples, [len(own) for own in felt.places]
     memory = np.empty(N * sum(sizes))
@@ -74,12 +78,11 @@ def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, C
         "bound: one QR of each joint's rows": lambda: [scipy.linalg.lapack.dgeqrt(8, block) for block in blocks],
         "bound: one pass of the filter": lambda: smooth(signals),
         "stage: signals, from the recording": lambda: motion(recording),
-        "stage: is the mounting right?": lambda: mounting_check([moved], [torque], robot, mounting),
         "stage: rows": problem,
         "stage: least squares": lambda: first_fit(equations, "wls"),
         "stage: causes beside the law": lambda: Causes(equations, fitted, equations.redundancy),
         "stage: covariances of correlated residuals": lambda: covariances(equations, fitted, fitted.solution, causes),
-        "stage: causes of a poor fit, gains": told,
+        "stage: warnings of the fit": told,
         "stage: gear ripple": lambda: gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz),
         "identify wls": lambda: identify([recording], robot, mounting),
     }

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from monitor.identify.signals.motion import Motion
+from monitor.identify.signals.rows import SoundRows
+from monitor.identify.signals.units import Repaired
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Mounting, Robot, load_robot
 from monitor.recording import Array, Recording
@@ -64,8 +66,11 @@ def truth(robot: Robot, mounting: Mounting = GROUND, rate_hz: float = 125.0, **s
 
 def exact_motion(known: Truth) -> Motion:
     """The truth as a motion, without any filter."""
+    N = len(known.t_s)
+    read = Recording(t_s=known.t_s, q=known.q, qd=known.qd, qdd=known.qdd, torque=known.torque, source="oracle")
     return Motion(
-        source="oracle",
+        repaired=Repaired(recording=read),
+        rows=SoundRows(np.arange(N), {}, np.zeros(0, dtype=np.intp), np.zeros(known.q.shape)),
         t_s=known.t_s,
         q=known.q,
         qd=known.qd,
@@ -75,10 +80,6 @@ def exact_motion(known: Truth) -> Motion:
         torque=known.torque,
         temperature_c=None,
         rate_hz=1.0 / (known.t_s[1] - known.t_s[0]),
-        duration_s=float(known.t_s[-1] - known.t_s[0]),
-        recorded_samples=len(known.t_s),
-        rejected_why={},
-        current_is_target=False,
     )
 
 

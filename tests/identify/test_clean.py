@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.cleaning import cleaned
-from monitor.identify.signals.motion import motion
-from monitor.identify.warnings import of_motion
+from monitor.identify.detectors import warnings_of
+from monitor.identify.signals.motion import Motion, motion
+from monitor.identify.signals.units import in_si
 from monitor.recording import Recording
 
 OMEGA = np.pi  # 0.5 Hz
@@ -36,6 +36,11 @@ def scaled(recording, **factors):
     return replace(recording, **{name: getattr(recording, name) * factor for name, factor in factors.items()})
 
 
+def told(found: Motion) -> list[str]:
+    """The codes of all warnings of a recording."""
+    return [warning.code for value in (found.repaired, found) for warning in warnings_of(value)]
+
+
 DEGREES = 180.0 / np.pi
 
 
@@ -56,16 +61,16 @@ DEGREES = 180.0 / np.pi
 def test_a_wrong_unit_is_recognised_corrected_and_reported(factors, texts):
     """The motion is that of the recording in SI units, to rounding, and each correction is a warning of its own."""
     right, found = motion(swing()), motion(scaled(swing(), **factors))
-    assert [repair.parameters["what"] for repair in found.repairs] == texts
+    assert found.repaired.units == tuple(texts)
     for name in ("q", "qd", "qdd", "current"):
         np.testing.assert_allclose(getattr(found, name), getattr(right, name), atol=1e-6)  # a clock in ms is rounded elsewhere
-    assert [warning.code for warning in of_motion(found, None)] == ["unit_repaired"] * len(texts)
+    assert told(found) == ["unit_repaired"] * len(texts)
 
 
 def test_positions_in_degrees_without_speeds_are_recognised():
     """Two joints beyond any cable, faster than any arm: degrees."""
     alone = replace(scaled(swing(), q=DEGREES), qd=None, qdd=None)
-    assert [repair.parameters["what"] for repair in motion(alone).repairs] == ["positions are in degrees"]
+    assert motion(alone).repaired.units == ("positions are in degrees",)
 
 
 @given(
@@ -79,9 +84,9 @@ def test_a_recording_in_si_units_is_left_alone(rate_hz, speed_rad_s, noise, seed
     rng = np.random.default_rng(seed)
     clean = swing(rate_hz=rate_hz, speed_rad_s=speed_rad_s)
     noisy = replace(clean, q=clean.q + 1e-4 * rng.normal(size=clean.q.shape), qd=clean.qd + noise * rng.normal(size=clean.qd.shape))
-    same, repairs = cleaned(noisy)
-    assert repairs == ()
-    assert same is noisy
+    found = in_si(noisy)
+    assert warnings_of(found) == []
+    assert found.recording is noisy
 
 
 @given(rows=st.lists(st.integers(0, 2499), max_size=100, unique=True), value=st.sampled_from([np.nan, np.inf, 1e305, -1e305]))
@@ -90,7 +95,7 @@ def test_torn_rows_do_not_hide_a_unit(rows, value):
     degrees = scaled(swing(), qd=DEGREES)
     damaged = degrees.qd.copy()
     damaged[rows] = value
-    assert [repair.code for repair in cleaned(replace(degrees, qd=damaged))[1]] == ["unit_repaired"]
+    assert [warning.code for warning in warnings_of(in_si(replace(degrees, qd=damaged)))] == ["unit_repaired"]
 
 
 def test_speeds_that_are_not_the_positions_own_are_refused():
@@ -108,7 +113,7 @@ def test_a_clock_that_was_set_costs_no_row(leap_s):
     t_s[2500:] += leap_s
     found = motion(replace(whole, t_s=t_s))
     assert found.rejected_samples == 0
-    assert [repair.code for repair in found.repairs] == ["clock_jump"]
+    assert told(found) == ["clock_jump"]
     assert found.segments[-1] == 1
     assert found.duration_s == pytest.approx(41.0, abs=0.1)
     assert found.samples > 4800  # 5000 less the filter's edges at four ends
@@ -122,7 +127,7 @@ def test_a_clock_that_was_set_several_times_loses_no_row():
         t_s[row:] += leap_s
     found = motion(replace(whole, t_s=t_s))
     assert found.rejected_samples == 0
-    assert "3 times" in found.repairs[0].text
+    assert "3 times" in warnings_of(found.repaired)[0].text
 
 
 @given(rows=st.lists(st.integers(3, 2496), max_size=30, unique=True), value=st.floats(-1e6, 1e6))
@@ -131,7 +136,7 @@ def test_a_torn_time_is_no_clock_that_was_set(rows, value):
     t_s = swing().t_s.copy()
     scattered = [row for k, row in enumerate(sorted(rows)) if k == 0 or row - sorted(rows)[k - 1] > 60]
     t_s[scattered] = value
-    assert cleaned(replace(swing(), t_s=t_s))[1] == ()
+    assert warnings_of(in_si(replace(swing(), t_s=t_s))) == []
 
 
 @pytest.mark.parametrize("factor", [1.3, 1.9, 0.6])
@@ -144,4 +149,4 @@ def test_a_clock_that_runs_at_another_rate_is_refused(factor):
 def test_a_clock_that_is_slightly_wrong_is_fitted_with_a_warning():
     """Ten per cent: the recording is fitted, and a warning says that the clock is doubtful."""
     found = motion(scaled(swing(), t_s=1.1))
-    assert [warning.code for warning in of_motion(found, None)] == ["clock_doubtful"]
+    assert told(found) == ["clock_doubtful"]

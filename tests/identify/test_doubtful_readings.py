@@ -11,8 +11,10 @@ from command_line import printed
 from oracle_arm import GROUND
 from own_physics import UR5, productioned_arm
 
+from monitor.identify.detectors import warnings_of
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import mean_temperature, motion, warming
+from monitor.identify.signals.motion import motion
+from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.validate import validate
 from monitor.store.formats.recordings import write_recording
 
@@ -38,7 +40,7 @@ def test_a_sensor_that_says_zero_has_no_temperature():
 def test_temperatures_in_fahrenheit_are_doubted():
     """An arm whose joints are all hotter than 65 °C is likelier at 86 °F."""
     hot = replace(HEALTHY, temperature_c=1.8 * HEALTHY.temperature_c + 32.0)
-    assert "if these are °F" in motion(hot).repairs[0].text
+    assert "if these are °F" in warnings_of(motion(hot))[0].text
 
 
 @pytest.mark.parametrize(
@@ -51,9 +53,9 @@ def test_temperatures_in_fahrenheit_are_doubted():
 )
 def test_temperatures_of_another_unit_or_a_broken_sensor_are_doubted(change, text):
     """Kelvin, a sensor that says −40 °C, one joint far from the others."""
-    repairs = motion(replace(HEALTHY, temperature_c=change(HEALTHY.temperature_c))).repairs
-    assert [repair.code for repair in repairs] == ["temperature_doubtful"]
-    assert re.search(text, repairs[0].text), repairs[0].text
+    found = warnings_of(motion(replace(HEALTHY, temperature_c=change(HEALTHY.temperature_c))))
+    assert [warning.code for warning in found] == ["temperature_doubtful"]
+    assert re.search(text, found[0].text), found[0].text
 
 
 @pytest.mark.parametrize("reading", [math.nan, math.inf])
@@ -61,9 +63,9 @@ def test_a_sensor_without_a_number_is_as_one_that_says_zero(reading):
     """It has no reading that could be of another unit."""
     without, zero = HEALTHY.temperature_c.copy(), HEALTHY.temperature_c.copy()
     without[:, 2], zero[:, 2] = reading, 0.0
-    told = [motion(replace(HEALTHY, temperature_c=readings)).repairs for readings in (without, zero)]
+    told = [warnings_of(motion(replace(HEALTHY, temperature_c=readings))) for readings in (without, zero)]
     assert told[0] == told[1]
-    assert [repair.code for repair in told[0]] == ["temperature_doubtful"]
+    assert [warning.code for warning in told[0]] == ["temperature_doubtful"]
 
 
 def test_one_torn_temperature_moves_neither_mean_nor_warming():
@@ -71,9 +73,11 @@ def test_one_torn_temperature_moves_neither_mean_nor_warming():
     torn = HEALTHY.temperature_c.copy()
     torn[-3, 2] = 253.0
     recording = replace(HEALTHY, temperature_c=torn)
-    np.testing.assert_allclose(mean_temperature([motion(recording)]), mean_temperature([motion(HEALTHY)]), atol=1e-3)
+    np.testing.assert_allclose(
+        mean_temperature([motion(recording).temperature_c]), mean_temperature([motion(HEALTHY).temperature_c]), atol=1e-3
+    )
     np.testing.assert_allclose(warming([recording]), warming([HEALTHY]), atol=1e-3)
-    assert [repair.code for repair in motion(recording).repairs] == ["temperature_torn"]
+    assert [warning.code for warning in warnings_of(motion(recording))] == ["temperature_torn"]
 
 
 @pytest.mark.parametrize("wrong", ["noise", "sign", "zero"])

@@ -8,7 +8,8 @@ import pytest
 from oracle_arm import exact_motion, excitation, recording, truth
 
 from monitor.identify.mounting import mounting_check, upward
-from monitor.identify.signals.motion import joint_torque, motion
+from monitor.identify.signals.arm import joint_torque
+from monitor.identify.signals.motion import motion
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings

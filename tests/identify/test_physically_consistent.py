@@ -14,7 +14,8 @@ from scipy.optimize import lsq_linear
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
 from monitor.identify.fit.physically_consistent import PhysicalConsistencySettings, PhysicallyConsistentArm, physically_consistent
-from monitor.identify.signals.motion import joint_torque, motion
+from monitor.identify.signals.arm import joint_torque
+from monitor.identify.signals.motion import motion
 from monitor.model.base import base_parameters
 from monitor.model.fourier import excitation_from_document
 from monitor.model.regressor import friction_columns, regressor

@@ -8,7 +8,8 @@ import pytest
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
-from monitor.identify.signals.motion import joint_torque, motion
+from monitor.identify.signals.arm import joint_torque
+from monitor.identify.signals.motion import motion
 from monitor.identify.validate import validate
 from monitor.judge import prediction_error
 from monitor.judge.assess import judge_identification

@@ -7,6 +7,7 @@ import pytest
 from oracle_arm import GROUND, recording, truth
 
 from monitor.errors import Unidentifiable
+from monitor.identify.detectors import warnings_of
 from monitor.identify.identify import identify
 from monitor.identify.signals.motion import motion
 from monitor.model.robot import load_robot
@@ -55,7 +56,7 @@ def test_noise_and_torn_rows_do_not_make_speeds_wrong(noise_rad, torn):
     q, rows = HEALTHY.q + noise_rad * rng.normal(size=HEALTHY.q.shape), rng.choice(HEALTHY.samples, torn, replace=False)
     q[rows] = rng.normal(size=(torn, 6))
     found = motion(replace(HEALTHY, q=q))
-    assert found.repairs == ()
+    assert warnings_of(found.repaired) == []
     assert found.rejected_samples == pytest.approx(torn, abs=3)
 
 
@@ -88,12 +89,12 @@ def test_a_coarse_clock_with_a_hole_is_restored_on_both_sides_of_it():
     cut = {name: getattr(HEALTHY, name)[rows] for name in ("q", "qd", "current", "temperature_c")}
     found = motion(replace(HEALTHY, t_s=np.round(HEALTHY.t_s[rows], 2), **cut))
     assert found.rejected_samples == 0
-    assert [repair.code for repair in found.repairs] == ["clock_restored"]
+    assert [warning.code for warning in warnings_of(found.repaired)] == ["clock_restored"]
     assert np.max(np.diff(found.t_s)) > 1.0
 
 
 def test_a_clock_in_nanoseconds_is_recognised():
     """As ROS stamps messages."""
     found = motion(replace(HEALTHY, t_s=HEALTHY.t_s * 1e9))
-    assert [repair.parameters["what"] for repair in found.repairs] == ["time is in nanoseconds"]
+    assert found.repaired.units == ("time is in nanoseconds",)
     assert found.rate_hz == pytest.approx(125.0, rel=1e-6)

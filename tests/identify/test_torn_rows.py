@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle_arm import GROUND, recording, truth
 
+from monitor.identify.detectors import warnings_of
 from monitor.identify.identify import identify
 from monitor.identify.signals.motion import motion
 from monitor.identify.signals.rows import EDGE_ROWS, sound_rows
@@ -60,7 +61,7 @@ def test_speeds_alone_may_be_torn():
     torn = HEALTHY.qd.copy()
     torn[rows] = HEALTHY.qd[(rows + 400) % HEALTHY.samples]
     found = motion(replace(HEALTHY, qd=torn))
-    assert dict(found.rejected_why) == {"position_jump": len(rows)}
+    assert found.rejected_why == {"position_jump": len(rows)}
 
 
 @pytest.mark.parametrize("share", [0.1, 1.0])
@@ -70,7 +71,7 @@ def test_rows_written_twice_are_read_once(share):
     rows = np.repeat(np.arange(HEALTHY.samples), 1 + again)
     doubled = replace(HEALTHY, **{name: getattr(HEALTHY, name)[rows] for name in ("t_s", "q", "qd", "current", "temperature_c")})
     found = motion(doubled)
-    assert dict(found.rejected_why) == {"doubled": int(again.sum())}
+    assert found.rejected_why == {"doubled": int(again.sum())}
     np.testing.assert_array_equal(found.qd, motion(HEALTHY).qd)
 
 
@@ -104,7 +105,7 @@ def test_recordings_put_together_are_not_joined_by_the_filter():
     found = motion(replace(HEALTHY, **{name: getattr(HEALTHY, name)[rows] for name in ("q", "qd", "current", "temperature_c")}))
     assert found.rejected_samples == 0
     assert found.segments[-1] == 2
-    assert [repair.code for repair in found.repairs] == ["motion_jumps"]
+    assert [warning.code for warning in warnings_of(found)] == ["motion_jumps"]
 
 
 def test_an_arm_that_is_larger_than_any_ur_keeps_its_torques():
@@ -112,5 +113,5 @@ def test_an_arm_that_is_larger_than_any_ur_keeps_its_torques():
     torque = HEALTHY.current * 5000.0
     torque[500, 1] = 1e7
     found = motion(replace(HEALTHY, current=None, torque=torque))
-    assert dict(found.rejected_why) == {"absurd_value": 1}
+    assert found.rejected_why == {"absurd_value": 1}
     assert np.max(np.abs(found.torque)) > 5000.0

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.errors import BadInput
 from monitor.identify.fit.jackknife import CORRELATED_S, block_steps
 from monitor.identify.fit.least_squares import (
     Beside,
@@ -27,6 +28,8 @@ from monitor.identify.fit.least_squares import (
     solve,
     triangle,
 )
+from monitor.identify.identification import Identification
+from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.motion import Motion
 from monitor.model.base import Base
 from monitor.model.friction import PAPER, FrictionLaw, automatic_laws, law_of_every_term
@@ -103,6 +106,39 @@ class FitProblem:
     def redundancy(self) -> int:
         """One of so many samples says as much as all: enough to choose a law and for a covariance, at a fraction of the time."""
         return min(eq.motion.redundancy for eq in self.equations)
+
+
+def problem_of(
+    motions: Sequence[Motion],
+    torques: Sequence[Array],
+    robot: Robot,
+    mounting: Mounting,
+    base: Base,
+    settings: IdentifySettings,
+    all_rows: bool,
+    known: Identification | None,
+) -> FitProblem:
+    """The equations of all motions with their prior.
+
+    torques : (N, J) [N·m] of each motion. all_rows : as for `equations_of`. known : an identification whose rigid parameters stay; None:
+    the prior is the manufacturer's masses, which count only where the motion reveals nothing. Raises BadInput where the known parameters
+    are of another robot or kind of mounting.
+    """
+    if known is not None and (known.robot != robot.name or known.columns != base.columns):
+        raise BadInput(
+            f"rigid_from: the parameters are of {known.robot} with {len(known.columns)} base parameters; "
+            f"expected those of {robot.name} on the same kind of mounting, with {base.count}"
+        )
+    return FitProblem(
+        equations=[
+            equations_of(
+                moved, torque, robot, mounting, base, all_rows=all_rows, moving_rad_s=settings.moving_rad_s, block_s=settings.block_s
+            )
+            for moved, torque in zip(motions, torques, strict=True)
+        ],
+        layout=layout_of(base.columns, robot.joints, frozen=known is not None),
+        prior=base.combination @ robot.nominal_parameters() if known is None else known.values,
+    )
 
 
 def equations_of(

@@ -14,7 +14,9 @@ import numpy as np
 import scipy
 
 from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.fit.fit import Fit
 from monitor.identify.fit.least_squares import Factor, residual_rms
+from monitor.model.base import Base
 from monitor.model.regressor import COULOMB, ROTOR, VISCOUS
 from monitor.model.robot import INERTIAL, PER_JOINT, Robot
 from monitor.model.urdf import urdf_text
@@ -114,6 +116,13 @@ def physically_consistent(
         residual_ratio=float(np.linalg.norm(b - A @ values) / best) if best > 0.0 else 1.0,
         rms_nm=residual_rms(joints, values),
     )
+
+
+def physical_fit(found: Fit, base: Base, robot: Robot) -> tuple[Fit, PhysicallyConsistentArm]:
+    """The fit with the parameters of the physically consistent arm that is nearest to it, and that arm."""
+    extra = found.joints[0].R.shape[1] - 1 - base.count
+    physical = physically_consistent(found.joints, found.weights, scipy.linalg.block_diag(base.combination, np.eye(extra)), robot)
+    return replace(found, solution=replace(found.solution, values=physical.values)), physical
 
 
 def _scale(robot: Robot, extra: int) -> Array:

@@ -11,8 +11,9 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.production.arm import LOADS, ProductionArm, ProductionRows
 from monitor.identify.settings import SignalSettings
+from monitor.identify.signals.arm import at_motors, drive_torque
 from monitor.identify.signals.filters import filtered, low_pass, uniform
-from monitor.identify.signals.motion import ENOUGH_SAMPLES, at_motors, drive_torque
+from monitor.identify.signals.motion import ENOUGH_SAMPLES
 from monitor.identify.signals.rows import sound_rows
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Indices, Mask, Recording

@@ -1,7 +1,6 @@
 """Filters of the signals: single spikes removed, one even clock, one zero-phase low-pass for all signals."""
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
@@ -50,36 +49,17 @@ def uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str, 
 
 
 def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], Array]:
-    """A Butterworth filter that is applied forward and backward along axis 0, so that it delays nothing.
+    """A Butterworth filter that is applied forward and backward along axis 0, so that it delays nothing."""
+    from scipy.signal import butter, sosfiltfilt  # takes 1 s to import: only where a recording is identified
 
-    It is `scipy.signal.sosfiltfilt`, which works its initial state out anew at each call. The result's memory runs along the samples.
-    """
-    from scipy.signal import sosfilt  # takes 1 s to import: only where a recording is identified
-
-    sos, state = _sections(rate_hz, order, cutoff_hz)
+    sos = butter(order, cutoff_hz, fs=rate_hz, output="sos")
     pad = round(3 * rate_hz / cutoff_hz)
 
     def smooth(x: Array) -> Array:
-        rows = np.ascontiguousarray(x.reshape((len(x), -1), order="F").T)  # (…, N)
-        n = min(rows.shape[1] - 1, pad)
-        ends = rows[:, :1], rows[:, -1:]
-        extended = np.concatenate([2.0 * ends[0] - rows[:, n:0:-1], rows, 2.0 * ends[1] - rows[:, -2 : -n - 2 : -1]], axis=1)
-        for _ in ("forward", "backward"):
-            first = state[:, None] * extended[:, :1]  # (sections, …, 2)
-            extended = sosfilt(sos, extended, axis=1, zi=first)[0][:, ::-1]
-        smoothed: Array = extended[:, n : n + rows.shape[1]].T.reshape(x.shape, order="F")
+        smoothed: Array = sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 1, pad))
         return smoothed
 
     return smooth
-
-
-@lru_cache(maxsize=64)
-def _sections(rate_hz: float, order: int, cutoff_hz: float) -> tuple[Array, Array]:
-    """The second-order sections of `low_pass`, and their state (sections, 2) in a signal that is 1: asked for a dozen times."""
-    from scipy.signal import butter, sosfilt_zi
-
-    sos = np.asarray(butter(order, cutoff_hz, fs=rate_hz, output="sos"))
-    return sos, np.asarray(sosfilt_zi(sos))
 
 
 def filtered(part: dict[str, Array], rate_hz: float, smooth: Callable[[Array], Array], trim: int) -> dict[str, Array]:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.signals.order import median
 from monitor.recording import Array, Indices
 
 ORDERS = (1, 2, 4)  # cycles a turn of the motor, each twice the one before; strain wave gears have two lobes, so the second is their own
@@ -77,7 +76,7 @@ def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float
             turning, speed = (_joined([x[each] for each in stretches]) for x in (turning, speed))
             # 1 or −1 where the joint moves in this direction in all `width` samples around, else 0: there the high-pass holds no reversal
             direction = np.where(np.abs(turning - passed[-1]) > 1.0 - 0.5 / width, turning, 0.0)
-            limit = OUTLIER_STD * 1.4826 * median(np.abs(passed[-2]))
+            limit = OUTLIER_STD * 1.4826 * np.median(np.abs(passed[-2]))
             np.clip(passed[-2], -limit, limit, out=passed[-2])  # spikes
             own, why[j] = _of_joint(int(j), passed[:-1], direction, speed, blocks, cycles[j], rate_hz)
             cases += own
@@ -224,14 +223,8 @@ def _pairs(S: int) -> Indices:
 
 def _high_pass(x: Array, width: int) -> Array:
     """(…, n) without the running mean over `width` samples, an odd number; at the ends over those that there are."""
-    n, half = x.shape[-1], width // 2
-    sums = np.zeros((*x.shape[:-1], n + 1))
-    np.cumsum(x, axis=-1, out=sums[..., 1:])
-    mean = np.empty_like(x)
-    np.subtract(sums[..., width:], sums[..., :-width], out=mean[..., half : n - half])
-    mean[..., half : n - half] /= width
-    count = np.arange(half + 1, width)  # of samples at the first rows, and at the last ones in reverse
-    mean[..., :half] = sums[..., half + 1 : width] / count
-    mean[..., n - half :] = (sums[..., -1:] - sums[..., n - 2 * half : n - half]) / count[::-1]
-    np.subtract(x, mean, out=mean)
-    return mean
+    from scipy.ndimage import uniform_filter1d
+
+    share = uniform_filter1d(np.ones(x.shape[-1]), width, mode="constant")  # of the samples around that there are
+    high: Array = x - uniform_filter1d(x, width, axis=-1, mode="constant") / share
+    return high

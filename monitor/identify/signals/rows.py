@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.signals.order import median, quantile, quantiles
 from monitor.recording import Array, Indices, Mask, Recording
 
 MAX_SPEED_RAD_S = 20.0  # three times the fastest joint of any UR
@@ -59,10 +58,10 @@ class _Steps:
     def __init__(self, t_s: Array, q: Array, qd: Array | None) -> None:
         self._t, self._q, self._qd = t_s, q, qd
         dt = np.diff(t_s)
-        self._tick = median(dt)
+        self._tick = float(np.median(dt))
         if qd is None:
             speed = np.abs(_within_a_turn(np.diff(q, axis=0))) / dt[:, None]
-            self._reach = np.minimum(MAX_SPEED_RAD_S, 3.0 * quantiles(speed, 0.95))  # (J,)
+            self._reach = np.minimum(MAX_SPEED_RAD_S, 3.0 * np.quantile(speed, 0.95, axis=0))  # (J,)
             return
         self._noise, self._acceleration, self._still = np.zeros((3, q.shape[1]))
         off, _ = self._next
@@ -71,9 +70,9 @@ class _Steps:
             moving = np.abs(qd[1:, j]) > MOVING_RAD_S
             count = np.count_nonzero(moving)
             seen = off[moving, j] if count >= WINDOW_ROWS else off[:, j]
-            self._noise[j] = 1.4826 * median(np.abs(seen))
+            self._noise[j] = 1.4826 * np.median(np.abs(seen))
             self._still[j] = STILL_RAD if count < HARDLY_MOVING * len(moving) else 0.0
-            self._acceleration[j] = 2.0 * quantile(change[moving, j] if count else change[:, j], 0.8)
+            self._acceleration[j] = 2.0 * np.quantile(change[moving, j] if count else change[:, j], 0.8)
 
     def joined(self, before: Indices, after: Indices) -> Mask:
         """(n,) whether the rows `after` (n,) continue the rows `before` (n,)."""
@@ -134,8 +133,8 @@ def _shared(off: Array, speed: Array) -> Array:
     order = np.argsort(ratio, axis=1)
     heavy = np.cumsum(np.take_along_axis(weight, order, axis=1), axis=1)
     middle = np.argmax(heavy >= 0.5 * heavy[:, -1:], axis=1)
-    median = np.take_along_axis(ratio, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
-    return np.where(moving, median, 0.0)
+    lasting = np.take_along_axis(ratio, np.take_along_axis(order, middle[:, None], axis=1), axis=1)[:, 0]
+    return np.where(moving, lasting, 0.0)
 
 
 def _nodes(joined: Mask) -> Indices:
@@ -211,16 +210,6 @@ class SoundRows(NamedTuple):
     turns: Array  # (N, J) whole turns to be added to q [rad], where positions were wrapped into one turn
 
 
-def along_samples(recording: Recording) -> Recording:
-    """The recording with memory that runs along the samples: the checks go joint by joint, ten times as fast as across the joints."""
-    return recording.changed(("q", "qd", "qdd", "current", "torque", "temperature_c"), np.asfortranarray)
-
-
-def taken(x: Array, rows: Indices) -> Array:
-    """The rows of x (N, …) at these ascending places; x itself where they are all, which is the usual case."""
-    return x if len(rows) == len(x) else x[rows]
-
-
 def sound_rows(recording: Recording) -> SoundRows:
     """The sound rows, and the number of the other rows by reason.
 
@@ -237,14 +226,14 @@ def sound_rows(recording: Recording) -> SoundRows:
     again = _doubled(rows, keep)
     why["doubled"] = int(np.sum(again))
     keep = keep[~again]
-    in_order = _longest_increasing(taken(recording.t_s, keep))
+    in_order = _longest_increasing(recording.t_s[keep])
     why["time_not_increasing"] = len(keep) - len(in_order)
     keep = keep[in_order]
     held = _held(rows, keep)
     why["held"] = int(np.sum(held))
     keep = keep[~held]
-    qd = None if recording.qd is None else taken(recording.qd, keep)
-    chain = longest_chain(taken(recording.t_s, keep), taken(recording.q, keep), qd)
+    qd = None if recording.qd is None else recording.qd[keep]
+    chain = longest_chain(recording.t_s[keep], recording.q[keep], qd)
     why["position_jump"] = len(keep) - len(chain.rows)
     return SoundRows(keep[chain.rows], {reason: count for reason, count in why.items() if count}, chain.breaks, chain.turns)
 
@@ -260,7 +249,7 @@ def _limit(key: str, values: Array) -> Array | float:
 def usual_size(values: Array) -> Array:
     """(J,) the 90 % quantile of the size of each column (N, J); 0 where no reading is finite."""
     columns = (column[np.isfinite(column)] for column in values.T)
-    return np.array([quantile(np.abs(column), 0.9) if len(column) else 0.0 for column in columns])
+    return np.array([np.quantile(np.abs(column), 0.9) if len(column) else 0.0 for column in columns])
 
 
 def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
@@ -308,78 +297,3 @@ def _longest_increasing(t_s: Array) -> Indices:
         chain.append(i)
         i = int(before[i])
     return np.array(chain[::-1])
-
-
-# --- A clock that was written too coarsely, restored ----------------------------------------------------
-
-COARSE = 0.35  # of a tick: a finer resolution does no harm
-SHARE_EQUAL = 0.02  # of the rows repeat the time before them; with less it is not the clock
-EXPLAINED = 1.05  # of the resolution: the even clock stays this near to the written times
-FEWEST_ROWS = 50  # of an unbroken stretch
-MEAN_ROWS = 25  # over which the times of an uneven clock are averaged: short beside what changes a clock, long beside its rounding
-HOLE_STEPS = 2.5  # ticks and resolutions together; a longer step is a hole, at which the even clock begins anew
-
-
-def restored_clock(t_s: Array, q: Array) -> tuple[Array, float] | None:
-    """Times (N,) on an even clock, and the resolution of the written ones [s]; None where the clock is not coarse, or not even.
-
-    Rows without a finite time keep it. Rows that repeat the positions too were written twice and are no evidence.
-    """
-    finite = np.flatnonzero(np.isfinite(t_s))
-    if len(finite) < FEWEST_ROWS:
-        return None
-    t = t_s[finite]
-    step = np.diff(t)
-    equal = step == 0.0
-    moved = np.any(q[finite][1:] != q[finite][:-1], axis=1)
-    if np.mean(equal & moved) < SHARE_EQUAL or not np.any(step > 0.0):
-        return None
-    resolution = quantile(step[step > 0.0], 0.05)
-    rounding = 1e-3 + 1e-15 * float(np.max(np.abs(t))) / resolution
-    whole = np.abs(step / resolution - np.round(step / resolution)) < rounding
-    if np.mean(whole) < 0.99:
-        return None
-    tick = _tick(t, step, resolution)
-    if not tick > 0.0 or resolution < COARSE * tick:
-        return None
-    new = t.copy()
-    for part in _stretches(step, tick, resolution, new):
-        even = _even(t[part], tick, resolution)
-        if even is None:
-            return None
-        new[part] = even
-    if np.any(np.diff(new) <= 0.0) and np.all(step >= 0.0):
-        return None
-    restored = t_s.copy()
-    restored[finite] = new
-    return restored, resolution
-
-
-def _tick(t: Array, step: Array, resolution: float) -> float:
-    """The mean time between rows of unbroken stretches [s]."""
-    usual: Mask = (step >= 0.0) & (step <= 2.0 * max(resolution, median(step)) + 1e-9)
-    return float(np.mean(step[usual])) if usual.any() and len(t) > 1 else math.nan
-
-
-def _stretches(step: Array, tick: float, resolution: float, t: Array) -> list[Indices]:
-    holes = np.flatnonzero((step > HOLE_STEPS * max(tick, resolution)) | (step < 0.0)) + 1
-    return [part for part in np.split(np.arange(len(t)), holes) if len(part)]
-
-
-def _even(t: Array, tick: float, resolution: float) -> Array | None:
-    """A clock that, rounded to the resolution, gives the times t: an even one, or one whose ticks change slowly; None where there is none.
-
-    Whether the writer rounded or cut off is unknown and of no importance: all signals move by the same fraction of a tick.
-    """
-    rows = np.arange(float(len(t)))
-    if len(t) < FEWEST_ROWS:
-        return np.asarray(float(np.mean(t - tick * rows)) + tick * rows)
-    slope, start = np.polyfit(rows, t - t[0], 1)
-    off = t - t[0] - (start + slope * rows)
-    even: Array = t[0] + start + slope * rows
-    if float(np.ptp(off)) <= EXPLAINED * resolution:
-        return even
-    from scipy.ndimage import uniform_filter1d
-
-    slow = np.asarray(uniform_filter1d(off, MEAN_ROWS, mode="reflect"))
-    return even + slow if float(np.max(np.abs(off - slow))) <= EXPLAINED * resolution and np.min(np.diff(slow)) > -slope else None

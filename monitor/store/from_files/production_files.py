@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.identify.detectors import CURRENT_IS_TARGET, of_simulator, warnings_of
 from monitor.identify.document import identification_from_document
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
@@ -18,8 +19,8 @@ from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.gather import WINDOW_S, gather, initial
 from monitor.identify.production.information import ProductionInformation
 from monitor.identify.settings import ProductionSettings
-from monitor.identify.signals.cleaning import cleaned
-from monitor.identify.signals.motion import refuse_other_arm, refuse_twice
+from monitor.identify.signals.arm import refuse_other_arm, refuse_twice
+from monitor.identify.signals.units import in_si
 from monitor.model.robot import Mounting, Robot
 from monitor.reason import Sentence
 from monitor.recording import DAY_S, Array, Recording, known_or_none
@@ -54,25 +55,27 @@ def listen_to_files(
     where a file is no recording, or replay, arm and work do not belong together.
     """
     arm, source = _arm(request, load_robot)
-    maintenance = [read_production(local_file(path), request.columns) for path in request.files]
-    maintenance = [
+    listened = [read_production(local_file(path), request.columns) for path in request.files]
+    listened = [
         replace(production, recording=replace(production.recording, source=path.name))
-        for production, path in zip(maintenance, request.files, strict=True)
+        for production, path in zip(listened, request.files, strict=True)
     ]
-    for production in maintenance:
+    for production in listened:
         refuse_other_arm(production.recording, arm.robot)
-    refuse_twice([production.recording for production in maintenance])
+    refuse_twice([production.recording for production in listened])
     total, files, warnings = initial(arm, request.settings), [], []
     known_times = [
         production.recording.context.recorded_at_unix_s
-        for production in maintenance
+        for production in listened
         if production.recording.context.recorded_at_unix_s is not None
     ]
-    for production in maintenance:
+    for production in listened:
         name = production.recording.source
-        warnings += _doubts(production.recording)
-        repaired, repairs = cleaned(production.recording)
-        warnings += [repair.document() for repair in repairs]
+        if of_simulator(production.recording):
+            warnings.append(CURRENT_IS_TARGET(source=name).document())
+        in_units = in_si(production.recording)
+        warnings += [warning.document() for warning in warnings_of(in_units)]
+        repaired = in_units.recording
         if repaired.context.recorded_at_unix_s is None and known_times:
             repaired = replace(repaired, context=replace(repaired.context, recorded_at_unix_s=known_times[0]))
         told = _told(replace(production, recording=repaired), arm, request.settings, total, show)
@@ -155,15 +158,6 @@ def _last_replay(history: Path) -> Path:
             if (path := store.archived.path(number)).exists():
                 return path
     raise BadInput(f"--history {history}: has no recording of an assessed replay; expected one at least")
-
-
-def _doubts(recording: Recording) -> list[dict[str, str]]:
-    """Warnings of a recording whose current is no measurement."""
-    current, target = recording.current, recording.target_current
-    if current is not None and target is not None and np.any(current) and np.array_equal(current, target):
-        text = f"{recording.source}: the actual current equals the target's bit for bit: this is a simulator's, not an arm's"
-        return [{"code": "current_is_target", "text": text}]
-    return []
 
 
 def _file_document(name: str, recording: Recording, told: ProductionInformation) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from monitor.acquire.watch import Caller, ReplayProgress
 from monitor.config.load import from_document
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
-from monitor.identify.signals.cleaning import quality_problem
+from monitor.identify.quality import quality_problem
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.recording import Array, Context, Recording

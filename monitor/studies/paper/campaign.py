@@ -12,7 +12,8 @@ from monitor import __version__
 from monitor.design.trajectory import Task, design
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.signals.motion import Motion, joint_torque, motion
+from monitor.identify.signals.arm import joint_torque
+from monitor.identify.signals.motion import Motion, motion
 from monitor.identify.validate import errors_of, predict_torque
 from monitor.model.base import Base, base_parameters
 from monitor.model.fourier import Excitation, State
