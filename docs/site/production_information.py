@@ -21,8 +21,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.production import ProductionSettings, record
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
-from monitor.store.formats.recordings import write_recording
-from monitor.store.formats.tables import write_table
+from monitor.store.formats.recordings import write_recording, write_table
 from monitor.store.from_files.production_files import ListenRequest, listen_to_files
 from monitor.views.plots.picture import write_picture
 

@@ -130,7 +130,7 @@ def simulate_production(
     from monitor.simulate.launch import numbers
     from monitor.simulate.production import ProductionSettings, arm_in_cell, record
     from monitor.simulate.scenario import Room
-    from monitor.store.formats.tables import check_table, write_table
+    from monitor.store.formats.recordings import check_table, write_table
 
     if output is None:
         raise BadInput("simulate-production: -o FILE is missing; expected a file that ends in .parquet or .csv")

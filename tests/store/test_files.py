@@ -140,6 +140,21 @@ def test_columns_may_be_single_skipped_or_out_of_order(tmp_path):
     assert recording.current is None
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("decimal", [",", "."])
+def test_fields_in_quotes_are_fields(tmp_path, separator, decimal):
+    """A decimal comma in quotes separates no columns, whatever does; a quote that a torn row left open costs that row alone."""
+    file = tmp_path / "a.csv"
+    lines = [separator.join(f'"{field}"' for field in line.split(";")) for line in text(";", decimal).splitlines()]
+    lines.insert(2, lines[1].replace('"', "", 1) + separator + '"torn')
+    file.write_text("\n".join(lines))
+    found = read_recording(file)
+    assert np.isnan(found.t_s[1])
+    assert found.samples == len(ROWS) + 1
+    np.testing.assert_array_equal(np.delete(found.t_s, 1), np.array(ROWS)[:, 0])
+    np.testing.assert_array_equal(np.delete(found.q, 1, axis=0), np.array(ROWS)[:, 1:3])
+
+
 def test_separators_left_at_the_end_are_no_columns(tmp_path):
     """Spreadsheets write such separators, with a header and without."""
     file = tmp_path / "a.csv"

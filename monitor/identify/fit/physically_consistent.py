@@ -9,6 +9,7 @@ the manufacturer's. The work is done on triangular factors, without the recordin
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -242,37 +243,41 @@ def _with(robot: Robot, parameters: Array) -> Robot:
 
 def _toml(found: PhysicallyConsistentArm) -> str:
     """The text of `PhysicallyConsistentArm.toml`."""
+    import tomlkit  # only where this file is asked for
+
     robot = found.robot
-
-    def row(values: Array) -> str:
-        return "[" + ", ".join(repr(float(value)) for value in values) + "]"
-
-    def text(value: str) -> str:
-        return '"' + "".join(f"\\u{ord(c):04x}" if c in '"\\' or ord(c) < 32 else c for c in value) + '"'
-
-    lines = [
-        f"# {robot.name}: identified and physically consistent. Standard Denavit-Hartenberg frames, SI units, angles in radians.",
-        "# Inertia tensors about the centre of mass, along the DH axes. nan: not known; inf: no limit known.",
-        *(f"{key} = {text(value)}" for key, value in (("name", robot.name), ("generation", robot.generation))),
-        *(f"{key} = {float(value)!r}" for key, value in (("rate_hz", robot.rate_hz), ("payload_max_kg", robot.payload_max_kg))),
-        f"gear_ratio = {row(robot.gear_ratio)}",
-        f"torque_constant_nm_per_a = {row(robot.torque_constant_nm_per_a)}",
-        f"max_torque_nm = {row(robot.max_torque_nm)}",
-        f"max_speed_rad_s = {row(robot.max_speed_rad_s)}",
-        f"max_position_rad = {row(robot.max_position_rad)}",
-        f"base_rotation = [{', '.join(row(line) for line in robot.base_rotation)}]",
-    ]
+    arm: dict[str, Any] = {
+        "name": robot.name,
+        "generation": robot.generation,
+        "rate_hz": float(robot.rate_hz),
+        "payload_max_kg": float(robot.payload_max_kg),
+        "gear_ratio": robot.gear_ratio.tolist(),
+        "torque_constant_nm_per_a": robot.torque_constant_nm_per_a.tolist(),
+        "max_torque_nm": robot.max_torque_nm.tolist(),
+        "max_speed_rad_s": robot.max_speed_rad_s.tolist(),
+        "max_position_rad": robot.max_position_rad.tolist(),
+        "base_rotation": robot.base_rotation.tolist(),
+    }
     if robot.coupling is not None:
-        lines.append(f"coupling = [{', '.join(row(line) for line in robot.coupling)}]")
-        lines.append(f'positions_at = "{"motors" if robot.recorded_at_motors else "joints"}"')
-    for i, name in enumerate(robot.link_names):
-        J = robot.inertia_kg_m2[i]
-        tensor = ", ".join(f"{'xyz'[r]}{'xyz'[c]} = {float(J[r, c])!r}" for r, c in _ENTRY)
-        numbers = {"a_m": robot.a_m, "d_m": robot.d_m, "alpha_rad": robot.alpha_rad, "zero_rad": robot.zero_rad, "y_m": robot.y_m}
-        lines += ["", "[[link]]", f"name = {text(name)}"]
-        lines += [f"{key} = {float(values[i])!r}" for key, values in numbers.items()]
-        lines += [f"mass_kg = {float(robot.mass_kg[i])!r}", f"com_m = {row(robot.com_m[i])}", f"inertia_kg_m2 = {{ {tensor} }}"]
-    lines += ["", "[joints]  # identified with the links; a simulator calls the rotor inertia armature"]
-    lines += [f"coulomb_nm = {row(found.coulomb_nm)}", f"viscous_nm_s_per_rad = {row(found.viscous_nm_s_per_rad)}"]
-    lines += [f"rotor_kg_m2 = {row(found.rotor_kg_m2)}"]
-    return "\n".join(lines) + "\n"
+        arm |= {"coupling": robot.coupling.tolist(), "positions_at": "motors" if robot.recorded_at_motors else "joints"}
+    geometry = {"a_m": robot.a_m, "d_m": robot.d_m, "alpha_rad": robot.alpha_rad, "zero_rad": robot.zero_rad, "y_m": robot.y_m}
+    arm["link"] = [
+        {
+            "name": name,
+            **{key: float(values[i]) for key, values in geometry.items()},
+            "mass_kg": float(robot.mass_kg[i]),
+            "com_m": robot.com_m[i].tolist(),
+            "inertia_kg_m2": {f"{'xyz'[r]}{'xyz'[c]}": float(robot.inertia_kg_m2[i, r, c]) for r, c in _ENTRY},
+        }
+        for i, name in enumerate(robot.link_names)
+    ]
+    arm["joints"] = {
+        "coulomb_nm": found.coulomb_nm.tolist(),
+        "viscous_nm_s_per_rad": found.viscous_nm_s_per_rad.tolist(),
+        "rotor_kg_m2": found.rotor_kg_m2.tolist(),
+    }
+    return (
+        f"# {robot.name}: identified and physically consistent. Standard Denavit-Hartenberg frames, SI units, angles in radians.\n"
+        "# Inertia tensors about the centre of mass, along the DH axes. nan: not known; inf: no limit known.\n"
+        f"# joints: identified with the links; a simulator calls the rotor inertia armature.\n{tomlkit.dumps(arm)}"
+    )

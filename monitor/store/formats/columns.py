@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.production.arm import EXTRA_COLUMNS, ProductionRows
-from monitor.recording import JOINT_COLUMNS, Array, Recording
+from monitor.recording import JOINT_COLUMNS, Array, Context, Recording
 
 SCALAR_COLUMNS = {
     "timestamp": "t_s",
@@ -39,19 +39,21 @@ class Layout(NamedTuple):
         return [*self.scalars.values(), *(k for ks in several for k in ks), *payload]
 
 
-def signals_of(layout: Layout, column: Callable[[int], Array]) -> dict[str, Any]:
-    """The signals of a Recording; `column` gives the numbers of one column of the file."""
+def recorded(layout: Layout, column: Callable[[int], Array], source: str, about: Mapping[str, Any] | None = None) -> ProductionRows:
+    """The recording, and the columns that only work needs. column : gives the numbers (N,) of one column of the file.
+
+    about : the fields `context`, `quality` and `source`, where the file says them; else the payload is that of its register.
+    """
     signals: dict[str, Any] = {field: column(k) for field, k in layout.scalars.items()}
-    return signals | {field: np.stack([column(k) for k in ks], axis=1) for field, ks in layout.joints.items()}
-
-
-def production_rows(recording: Recording, layout: Layout, column: Callable[[int], Array]) -> ProductionRows:
-    """The recording with the columns that only work needs; arguments as for `signals_of`."""
+    signals |= {field: np.stack([column(k) for k in ks], axis=1) for field, ks in layout.joints.items()}
     extra = {
         field: np.stack([column(k) for k in ks], axis=1) if EXTRA_WIDTHS[field] else column(ks[0])
         for field, ks in layout.production.items()
     }
-    return ProductionRows(recording=recording, **extra)
+    if about is None:
+        payload = None if layout.payload is None else _constant_value(column(layout.payload))
+        about = {"context": Context(payload_kg=payload), "source": source}
+    return ProductionRows(recording=Recording(**signals, **about), **extra)
 
 
 def column_names() -> dict[str, str]:
@@ -164,7 +166,7 @@ def _spec_parts(spec: str) -> Iterator[tuple[str, int]]:
         yield name, int(number) if colon else 1
 
 
-def constant_value(values: Array) -> float | None:
+def _constant_value(values: Array) -> float | None:
     """The one value of a register that did not change; None where it did."""
     known = np.unique(values[np.isfinite(values)])
     return float(known[0]) if len(known) == 1 else None

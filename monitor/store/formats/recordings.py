@@ -17,7 +17,7 @@ import numpy as np
 from monitor.errors import BadInput, StoreError
 from monitor.identify.production.arm import ProductionRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.formats.columns import Layout, constant_value, layout_by_name, named_columns, parse_columns, production_rows, signals_of
+from monitor.store.formats.columns import Layout, layout_by_name, named_columns, parse_columns, recorded
 from monitor.store.formats.text_recordings import read_text
 
 if TYPE_CHECKING:
@@ -164,19 +164,18 @@ def _of_parquet(source: Any, where: str, columns: str | None = None) -> Producti
         except (ValueError, TypeError):
             raise BadInput(f"{where}: column {table.column_names[k]} does not hold numbers") from None
 
-    signals = signals_of(layout, column)
-    about = (table.schema.metadata or {}).get(METADATA)
-    if about is None:
-        payload = None if layout.payload is None else constant_value(column(layout.payload))
-        return production_rows(Recording(**signals, context=Context(payload_kg=payload), source=name), layout, column)
+    return recorded(layout, column, name, _about((table.schema.metadata or {}).get(METADATA), where, name))
+
+
+def _about(metadata: bytes | None, where: str, name: str) -> dict[str, Any] | None:
+    """Context, quality and source as our own files hold them; None for another's file."""
+    if metadata is None:
+        return None
     try:
-        document = json.loads(about)
-        recording = Recording(
-            **signals, context=_context(document["context"]), quality=document["quality"], source=document["source"] or name
-        )
+        document = json.loads(metadata)
+        return {"context": _context(document["context"]), "quality": document["quality"], "source": document["source"] or name}
     except (ValueError, KeyError, TypeError) as wrong:
         raise BadInput(f"{where}: its metadata is not a joint-monitor recording's: {wrong!r}") from None
-    return production_rows(recording, layout, column)
 
 
 def _seconds(values: np.ndarray) -> Array:
@@ -225,3 +224,37 @@ def _context(document: Mapping[str, Any]) -> Context:
         if values.get(key) is not None:
             values[key] = tuple(values[key])
     return Context(**values)
+
+
+# --- Tables of signals by RTDE's names as files: CSV as the manufacturer's own recorder writes it, or Parquet ---
+
+SUFFIXES = (".csv", ".parquet")
+
+
+def check_table(path: Path) -> None:
+    """Check where a table is to be written. Raises BadInput for another suffix, or a folder that does not exist."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise BadInput(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise BadInput(f"{path}: is a folder; expected the name of a file")
+
+
+def write_table(path: Path, columns: Mapping[str, Array], context: Context) -> None:
+    """Write columns (N,) to a file: Parquet with the context, or CSV without. Raises as `check_table`, and StoreError."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    check_table(path)
+    try:
+        if path.suffix.lower() == ".csv":
+            with path.open("w", encoding="utf-8") as file:
+                file.write(" ".join(columns) + "\n")
+                np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.9g")
+            return
+        about = {"context": asdict(context), "quality": {}, "source": path.name}
+        table = pa.table({name: pa.array(np.ascontiguousarray(values)) for name, values in columns.items()})
+        pq.write_table(table.replace_schema_metadata({METADATA: json.dumps(about).encode()}), path, compression="zstd")
+    except OSError as wrong:
+        raise StoreError(f"{path}: cannot be written: {wrong.strerror or wrong}") from wrong

@@ -1,6 +1,7 @@
 """Recordings as text: CSV with any separator, with RTDE's names in a header or with columns that the caller names."""
 
 import codecs
+import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -11,11 +12,11 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.production.arm import ProductionRows
-from monitor.recording import Array, Context, Recording
-from monitor.store.formats.columns import Layout, constant_value, layout_by_name, parse_columns, production_rows, signals_of
+from monitor.store.formats.columns import Layout, layout_by_name, parse_columns, recorded
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
+_QUOTED = re.compile(r'"[^"]*"')
 _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, xz, zstd
 
@@ -61,7 +62,8 @@ def read_text(path: Path, columns: str | None) -> ProductionRows:
 
 
 def _separator(line: str) -> str | None:
-    """`;`, tab, `,`, or None for any white space."""
+    """`;`, tab, `,`, or None for any white space; what stands in quotes does not count."""
+    line = _QUOTED.sub('""', line)
     for candidate in ";\t":
         if candidate in line:
             return candidate
@@ -72,7 +74,12 @@ def _separator(line: str) -> str | None:
 
 
 def _split(line: str, separator: str | None) -> list[str]:
-    return [field.strip().strip('"') for field in line.split(separator)]
+    """The fields of one line, none of a torn one that is no CSV. A quote that is torn open ends with its line, not with the file."""
+    try:
+        (fields,) = csv.reader((line if separator else " ".join(line.split()),), delimiter=separator or " ", skipinitialspace=True)
+    except csv.Error:
+        return []
+    return [field.strip() for field in fields]
 
 
 def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bool:
@@ -82,13 +89,13 @@ def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bo
 
 def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> ProductionRows:
     rows = np.full((len(lines), layout.width), np.nan)
-    decimal_comma, wanted, time = separator != ",", layout.read, layout.scalars["t_s"]
+    wanted, time = layout.read, layout.scalars["t_s"]
     for row, line in zip(rows, lines, strict=True):
         parts = _split(line, separator)
         if len(parts) < layout.width or any(parts[layout.width :]):
             continue  # torn: the fields' positions are unknown, and the last field may be cut
         for k in wanted:
-            row[k] = _number(parts[k], decimal_comma)
+            row[k] = _number(parts[k])
         if np.isnan(row[time]):
             row[time] = _unix_s(parts[time])
 
@@ -96,20 +103,13 @@ def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str 
         written = [parts[time] for parts in (_split(line, separator) for line in lines[:100]) if len(parts) >= layout.width]
         if written and written[0] and not _NUMBER.fullmatch(written[0]):
             raise BadInput(f"{path}: the times are no numbers, such as {written[0]!r}; expected seconds, or date and time")
-
-    def column(k: int) -> Array:
-        values: Array = rows[:, k]
-        return values
-
-    payload = None if layout.payload is None else constant_value(column(layout.payload))
-    recording = Recording(**signals_of(layout, column), context=Context(payload_kg=payload), source=path.name)
-    return production_rows(recording, layout, column)
+    return recorded(layout, lambda k: rows[:, k], path.name)
 
 
-def _number(text: str, decimal_comma: bool) -> float:
-    """A field as a number; NaN where it is none, so that the row counts as torn."""
+def _number(text: str) -> float:
+    """A field as a number, with a decimal point or comma; NaN where it is none, so that the row counts as torn."""
     try:
-        return float(text.replace(",", ".") if decimal_comma else text)
+        return float(text.replace(",", "."))
     except ValueError:
         return float("nan")
 
