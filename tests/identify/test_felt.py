@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.identify.fit import least_squares
 from monitor.identify.fit import least_squares as felt
 from monitor.identify.fit.jackknife import jackknife_covariance
-from monitor.identify.fit.least_squares import Beside, Felt, Rows, factors, residual_rms, solve
+from monitor.identify.fit.least_squares import Felt, Rows, factors, solve
 from monitor.model.base import base_parameters
 from monitor.model.regressor import felt_columns, felt_regressor, felt_weight, friction_columns, regressor
 from monitor.model.robot import PER_JOINT, Mounting, load_robot
@@ -107,24 +106,3 @@ def test_one_of_so_many_rows_of_a_long_recording_is_formed_in_pieces_too(step, m
     np.testing.assert_array_equal(fewer[np.array([3, 200])], part[[3, 200]])
     np.testing.assert_array_equal(fewer[1:200:7], part[1:200:7])
     assert max(asked) <= 123
-
-
-@pytest.mark.parametrize(("alike", "short"), [(1.0, True), (1e-8, False), (0.0, True)])
-def test_columns_added_to_known_factors_give_the_factors_of_all_columns(alike, short, monkeypatch):
-    """Also where columns are the same, as a vertical joint 1 feels them; only where they are nearly so, rows are reduced anew."""
-    recordings = [equations(2), equations(3)]
-    for rows in recordings:
-        rows.Y[:, 0, 1] = rows.Y[:, 0, 0] + alike * rows.Y[:, 0, 1]
-        rows.Y[:, 0, 6] *= 1e-17  # rounding
-    with monkeypatch.context() as without:
-        known, anew = factors(recordings), []
-        without.setattr(least_squares, "factors", lambda rows: anew.append(rows) or known)
-        Beside(recordings, known).with_own([np.zeros((900, 3, 2))] * 2)
-        assert bool(anew) is not short
-    own = [np.random.default_rng(4 + k).normal(size=(900, 3, 2)) for k in range(2)]
-    added = Beside(recordings, factors(recordings)).with_own(own)
-    direct = factors([rows._replace(Y=Felt.of(rows.Y).with_own(columns)) for rows, columns in zip(recordings, own, strict=True)])
-    for one, other in zip(added, direct, strict=True):
-        np.testing.assert_allclose(one.R.T @ one.R, other.R.T @ other.R, rtol=1e-9, atol=1e-9)
-    found = solve(added, np.ones(3), np.zeros(13))
-    np.testing.assert_allclose(residual_rms(added, found.values), residual_rms(direct, found.values), rtol=1e-9)

@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.identify.fit.fit import Fit, FitProblem, mean_load, projection, robust_inflation
 from monitor.identify.fit.jackknife import jackknife_covariances
-from monitor.identify.fit.least_squares import Beside, Factor, Felt, Rows, Solution, factors, residuals_beside, solve
+from monitor.identify.fit.least_squares import Factor, Rows, Solution, factors, residuals_of, solve, with_own
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification
 from monitor.model.friction import PAPER, residual_law
 from monitor.recording import Array
@@ -39,11 +39,7 @@ class Causes:
             columns[:, :, E] = -moved.rate_hz * np.gradient(torque, axis=0)[::every]  # of a torque that comes later
             columns[:, :, E + 3] = 1.0
             self._columns.append(columns)
-        if every == 1:
-            self._joints = Beside(self.rows, found.joints).with_own(self._columns)
-        else:
-            pairs = zip(self.rows, self._columns, strict=True)
-            self._joints = factors([rec._replace(Y=Felt.of(rec.Y).with_own(more)) for rec, more in pairs])
+        self._joints = factors(with_own(self.rows, self._columns))
         self._solutions: dict[tuple[str, ...], Solution] = {}
 
     def beside(self, others: Sequence[str]) -> tuple[Solution, list[Array]]:
@@ -53,7 +49,7 @@ class Causes:
         """
         J, B = len(self._joints), len(self._prior)
         chosen, solution = self._chosen(others), self._solved(others)
-        residuals = residuals_beside(self.rows, [columns[:, :, chosen] for columns in self._columns], solution.values)
+        residuals = residuals_of(with_own(self.rows, [columns[:, :, chosen] for columns in self._columns]), solution.values)
         own = B + np.arange(J * len(chosen)).reshape(J, -1)  # (J, E) places of each joint's own columns
         order = np.concatenate([np.arange(B), own[:, : self._terms].ravel(), own[:, self._terms :].ravel()])
         return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals

@@ -16,7 +16,6 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.fit.jackknife import CORRELATED_S, block_steps
 from monitor.identify.fit.least_squares import (
-    Beside,
     Factor,
     Felt,
     Rows,
@@ -24,9 +23,10 @@ from monitor.identify.fit.least_squares import (
     factors,
     joined,
     residual_rms,
-    residuals_beside,
+    residuals_of,
     solve,
     triangle,
+    with_own,
 )
 from monitor.identify.identification import Identification
 from monitor.identify.settings import IdentifySettings
@@ -216,14 +216,14 @@ def refit(problem: FitProblem, paper: Fit, law: FrictionLaw) -> tuple[Solution, 
     Rows keep the robust weights of the given fit.
     """
     B = len(problem.prior)
-    beside = Beside(paper.rows, paper.joints)
     values, weights = paper.solution.values[:B], paper.weights
     for _ in range(_load_rounds(problem, law)):
         columns = [eq.extra_columns(law, values, problem.layout) for eq in problem.equations]
-        joints = beside.with_own(columns)
+        rows = with_own(paper.rows, columns)
+        joints = factors(rows)
         solution = _solved(problem, law, joints, weights)
         values, weights = solution.values[:B], _weights(joints, solution)  # scales and load settle together
-    return solution, residuals_beside(paper.rows, columns, solution.values)
+    return solution, residuals_of(rows, solution.values)
 
 
 def robust_inflation(found: Fit) -> float:
@@ -249,13 +249,12 @@ def _load_rounds(problem: FitProblem, law: FrictionLaw) -> int:
 
 def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, method: str, rounds: int) -> Fit:
     """The fit of a law with more terms, each round with the load that the round before predicts. paper : by `first_fit`."""
-    beside = Beside(paper.rows, paper.joints)
     weights, solution = paper.weights, paper.solution
     for _ in range(min(rounds, _load_rounds(problem, law))):
         columns = [eq.extra_columns(law, solution.values[: len(problem.prior)], problem.layout) for eq in problem.equations]
-        joints = beside.with_own(columns)
+        rows = with_own(paper.rows, columns)
+        joints = factors(rows)
         weights, solution = _weighted(problem, law, joints, weights, method)
-    rows = [rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in zip(paper.rows, columns, strict=True)]
     return Fit(law=law, rows=rows, joints=joints, weights=weights, solution=solution)
 
 

@@ -142,8 +142,6 @@ class Felt:
 # --- Weighted least squares by joint, from triangular factors -------------------------------------------
 
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: a smaller one is rounding or encoder noise
-DISTINCT = 1e-5  # bound of the same ratio above which columns added to a factor keep eleven digits
-ROUNDING = 1e-13  # of the largest singular value, at most: of columns that depend on each other
 QR_BLOCK = 32  # columns that LAPACK's QR takes together
 QR_PANEL = 8  # columns that its recursive QR takes together
 TALL = 3  # rows a column from which the recursive one is faster: it takes half of the time of a joint's rows
@@ -207,60 +205,9 @@ def factors(recordings: Sequence[Rows]) -> list[Factor]:
     return [Factor(R, int(count)) for R, count in zip(triangles, samples, strict=True)]
 
 
-class Beside:
-    """Rows whose factors are known. Columns of each joint's own are added to the factors at little cost, many times."""
-
-    def __init__(self, recordings: Sequence[Rows], joints: Sequence[Factor]) -> None:
-        """The rows, and as `joints` their `factors` or those of these rows with more columns after Y's."""
-        self._recordings, self._joints = recordings, joints
-        self._Y = [Felt.of(rec.Y) for rec in recordings]
-        self._B = self._Y[0].unknowns
-        self._R: list[Array] = []  # of each joint, columns in the order in which it feels them
-        self._whitening: list[Array] = []  # Y·whitening is orthonormal
-        self._distinct = len({tuple(map(bytes, Y.places)) for Y in self._Y}) == 1
-        for own, factor in zip(self._Y[0].places, joints, strict=True):
-            R = reduced(np.asfortranarray(factor.R[:, own]))
-            whitening = _whitening(R, DISTINCT)
-            if whitening is None:
-                found = _of_lower_rank(R)
-                self._distinct &= found is not None
-                R, whitening = (R, np.zeros(R.shape[::-1])) if found is None else found
-            self._R.append(R)
-            self._whitening.append(whitening)
-
-    def with_own(self, columns: Sequence[Array]) -> list[Factor]:
-        """The factors with (N, J, E) more columns of each recording, in the unknowns [Y's; joint 1's own; joint 2's own; …]."""
-        if not self._distinct:
-            pairs = zip(self._recordings, self._Y, columns, strict=True)
-            return factors([rec._replace(Y=Y.with_own(own)) for rec, Y, own in pairs])
-        J, E = columns[0].shape[1:]
-        along = [np.zeros((len(R), E + 1)) for R in self._R]  # the part of the new columns and of the torque along Y
-        for j, block, weight, more in self._parts(columns):
-            along[j] += self._whitening[j].T @ (block.T @ np.multiply(more, weight, order="F"))
-        shares = [whitening @ part for whitening, part in zip(self._whitening, along, strict=True)]
-        rests = [np.zeros((0, E + 1))] * J
-        for j, block, weight, more in self._parts(columns):
-            rests[j] = reduced(np.asfortranarray(np.concatenate([rests[j], more - weight * (block @ shares[j])])))
-        result = []
-        for j, (R, part, rest) in enumerate(zip(self._R, along, rests, strict=True)):
-            places = np.append(self._B + j * E + np.arange(E), self._B + J * E)
-            whole = np.zeros((len(R) + len(rest), self._B + J * E + 1))
-            whole[: len(R), self._Y[0].places[j]] = R
-            whole[: len(R), places], whole[len(R) :, places] = part, rest
-            result.append(Factor(whole, self._joints[j].samples))
-        return result
-
-    def _parts(self, columns: Sequence[Array]) -> Iterator[tuple[int, Array, Array, Array]]:
-        """Piece by piece: a joint, its columns of Y, the factor (n, 1) on each row, and its own columns and torque times this factor."""
-        for rec, Y, own in zip(self._recordings, self._Y, columns, strict=True):
-            root = rec.root_weight
-            for piece, blocks in Y.pieces():
-                for j, block in enumerate(blocks):
-                    weight = root[piece, j, None]
-                    more = np.empty((len(block), own.shape[2] + 1), order="F")
-                    np.multiply(own[piece, j], weight, out=more[:, :-1])
-                    np.multiply(rec.torque_nm[piece, j], root[piece, j], out=more[:, -1])
-                    yield j, block, weight, more
+def with_own(recordings: Sequence[Rows], columns: Sequence[Array]) -> list[Rows]:
+    """The rows with (N, J, E) more columns of each recording, in the unknowns [Y's; joint 1's own; joint 2's own; …]."""
+    return [rec._replace(Y=Felt.of(rec.Y).with_own(own)) for rec, own in zip(recordings, columns, strict=True)]
 
 
 def triangle(A: Array) -> Array:
@@ -323,36 +270,17 @@ def scattered(R: Array, places: Indices, columns: int) -> Array:
     return whole
 
 
-def _whitening(R: Array, least: float, norms: Array | None = None) -> Array | None:
-    """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `least` of the largest; else None.
+def _whitening(R: Array, norms: Array) -> Array | None:
+    """R⁻¹ of a triangle (B, B) whose smallest singular value, columns scaled alike, is surely above `EXCITED` of the largest; else None.
 
-    norms : (B,) of its columns, where they are known.
+    norms : (B,) of its columns. A tenth of the time of the singular values.
     """
-    norms = _norms(R) if norms is None else norms
-    if R.shape[0] != R.shape[1] or not np.all(norms > 0.0):
-        return None
     inverse, singular = scipy.linalg.lapack.dtrtri(R / norms)
     # Frobenius norms bound the singular values: ‖R‖ = √B of unit columns
-    if singular or not np.linalg.norm(inverse) * np.sqrt(len(R)) < 1.0 / least:
+    if singular or not np.linalg.norm(inverse) * np.sqrt(len(R)) < 1.0 / EXCITED:
         return None
     whitening: Array = inverse / norms[:, None]
     return whitening
-
-
-def _of_lower_rank(R: Array) -> tuple[Array, Array] | None:
-    """A factor (r, B) with the same RᵀR as R (n, B) to rounding, and W (B, r) with which R·W is orthonormal.
-
-    One joint alone does not tell all parameters apart: about an axis along gravity no weight is felt. None where a singular value, columns
-    scaled alike, is neither surely rounding nor surely more.
-    """
-    norms = _norms(R)
-    scale = np.where(_felt(norms), norms, np.inf)
-    _, s, Vt = np.linalg.svd(R / scale, full_matrices=False)
-    rank = int(np.sum(s > DISTINCT * np.max(s, initial=0.0)))
-    if rank < len(s) and not s[rank] < ROUNDING * s[0]:
-        return None
-    s, Vt = s[:rank], Vt[:rank]
-    return s[:, None] * Vt * np.where(np.isfinite(scale), scale, 0.0), (Vt / s[:, None] / scale).T
 
 
 def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array | None = None) -> Solution:
@@ -367,7 +295,7 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
     A, b = R[:, :-1], R[:, -1]
     norms, B = _norms(A), A.shape[1]
     norms = np.where(_felt(norms), norms, 0.0)
-    whitening = _whitening(A[:B], EXCITED, norms) if len(R) == B + 1 and np.all(norms > 0.0) else None
+    whitening = _whitening(A[:B], norms) if len(R) == B + 1 and np.all(norms > 0.0) else None
     if whitening is not None:  # the usual case: everything is excited
         return Solution(values=whitening @ b[:B], directions=whitening, excited=np.ones(B, dtype=bool))
     A = np.where(norms > 0.0, A, 0.0)
@@ -419,10 +347,3 @@ def best_condition(Y: Array, combination: Array, rows: Indices) -> float:
 def residuals_of(recordings: Sequence[Rows], values: Array) -> list[Array]:
     """(N, J) of each recording [N·m]: measured torque less the torque of the parameters (B,)."""
     return [rec.torque_nm - rec.Y @ values for rec in recordings]
-
-
-def residuals_beside(recordings: Sequence[Rows], columns: Sequence[Array], values: Array) -> list[Array]:
-    """`residuals_of` with (N, J, E) more columns of each recording, in the unknowns of `Beside.with_own`."""
-    B, J = recordings[0].Y.shape[2], recordings[0].Y.shape[1]
-    own = values[B:].reshape(J, -1)  # (J, E)
-    return [rec.torque_nm - rec.Y @ values[:B] - np.einsum("nje,je->nj", part, own) for rec, part in zip(recordings, columns, strict=True)]

@@ -1,6 +1,7 @@
 """Filters of the signals: single spikes removed, one even clock, one zero-phase low-pass for all signals."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -48,6 +49,7 @@ def uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str, 
     return {"t_s": even_s, **{key: np.asarray(CubicSpline(t_s, value)(even_s)) for key, value in signals.items()}}
 
 
+@lru_cache(maxsize=64)  # one identification asks for the same few a dozen times
 def low_pass(rate_hz: float, order: int, cutoff_hz: float) -> Callable[[Array], Array]:
     """A Butterworth filter that is applied forward and backward along axis 0, so that it delays nothing."""
     from scipy.signal import butter, sosfiltfilt  # takes 1 s to import: only where a recording is identified

@@ -70,16 +70,18 @@ def in_si(recording: Recording) -> Repaired:
     t_s, step = (t_s, None) if coarse is None else coarse
     if t_s is not recording.t_s:
         recording = replace(recording, t_s=t_s)
-    found = _units(recording)
+    seen = windows(recording.t_s, recording.q, recording.qd)
+    found = _units(recording, seen)
     if found.factors:
         recording = replace(recording, **{name: getattr(recording, name) * factor for name, factor in found.factors.items()})
+        seen = windows(recording.t_s, recording.q, recording.qd)
     return Repaired(
         recording=recording,
         clock_jumps=jumps,
         clock_step=step,
         units=found.said,
         clock_factor=found.clock_factor,
-        speeds=_checked_speeds(recording),
+        speeds=_checked_speeds(recording, seen),
     )
 
 
@@ -127,7 +129,7 @@ class _Units(NamedTuple):
     clock_factor: float | None
 
 
-def _units(recording: Recording) -> _Units:
+def _units(recording: Recording, seen: Windows | None) -> _Units:
     """Units that are not SI, and a suspicious clock. Raises Unidentifiable where no unit makes speeds of the positions' change."""
     factors: dict[str, float] = {}
     said: list[str] = []
@@ -140,7 +142,7 @@ def _units(recording: Recording) -> _Units:
     t_s, q, qd, qdd = recording.t_s, recording.q, recording.qd, recording.qdd
     step = np.diff(t_s[np.isfinite(t_s)])
     tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
-    found = _ratio(windows(t_s, q, qd))
+    found = _ratio(seen)
     if found is not None:
         for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
             if _near(found.value * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
@@ -222,9 +224,9 @@ def _ratio(seen: Windows | None) -> _Ratio | None:
 # --- Each joint's speeds beside the change of its positions ----------------------------------------------
 
 
-def _checked_speeds(recording: Recording) -> SpeedCheck | None:
+def _checked_speeds(recording: Recording, seen: Windows | None) -> SpeedCheck | None:
     """Raises Unidentifiable where the speeds of a joint are another signal: exchanged columns, a sign, a unit."""
-    found = _compared(recording.t_s, recording.q, recording.qd)
+    found = _compared(recording.q, recording.qd, seen)
     if found is None:
         return None
     slope, speed, noise, late_s = found
@@ -245,7 +247,7 @@ def _likely_reason(recording: Recording, slope: Array, speed: Array, wrong: Mask
     joints = [int(j) for j in np.flatnonzero(wrong)]
     of = f"joint{'s' if len(joints) > 1 else ''} {', '.join(str(j + 1) for j in joints)}"
     if recording.qd is not None:
-        turned = _compared(recording.t_s, recording.qd, recording.q)
+        turned = _compared(recording.qd, recording.q, windows(recording.t_s, recording.qd, recording.q))
         if turned is not None and all(_mismatch(turned[0][:, j], turned[1][:, j]) < WRONG for j in joints):
             return f"the positions of {of} are the change of their speeds: q and q̇ are exchanged"
     if all(_mismatch(-slope[:, j], speed[:, j]) < EXPLAINS for j in joints):
@@ -289,13 +291,12 @@ def _ripple(x: Array) -> Array:
     return ripple
 
 
-def _compared(t_s: Array, x: Array, rate: Array | None) -> tuple[Array, Array, Array, Array] | None:
+def _compared(x: Array, rate: Array | None, seen: Windows | None) -> tuple[Array, Array, Array, Array] | None:
     """Change of x a second (W, J), median of its rate (W, J), noise of both together (J,), sure part of the rate's lag (J,) [s].
 
     None with few sound windows.
     """
-    seen = windows(t_s, x, rate)
-    if rate is None or seen is None or len(t_s) < FEWEST_WINDOWS:
+    if rate is None or seen is None:
         return None
     tick, length, dt, slope, speed = seen
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
