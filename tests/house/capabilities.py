@@ -948,7 +948,7 @@ READINGS: dict[str, tuple[str, ...]] = {  # what is noticed in a recording
     ),
     "every code has its test": (
         "identify/test_what_it_notices.py::test_every_code_in_the_table_is_said_by_the_program_and_held_by_a_test",
-        "identify/test_what_it_notices.py::test_every_correction_and_doubt_is_in_the_table",
+        "identify/test_what_it_notices.py::test_every_detector_of_a_recordings_units_and_signals_is_in_the_table",
     ),
 }
 
