@@ -8,21 +8,22 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.detectors import Together, warnings_of
 from monitor.identify.diagnosis import Fitted
-from monitor.identify.fit.covariance import Causes, paper_parameters
-from monitor.identify.fit.fit import Fit, FitProblem, choose_law, first_fit, fit, problem_of, refit
+from monitor.identify.fit.covariance import Causes
+from monitor.identify.fit.fit import Fit, FitProblem, choose_law, first_fit, fit, problem_of
 from monitor.identify.fit.least_squares import condition_number
 from monitor.identify.fit.physically_consistent import physical_fit
-from monitor.identify.identification import Identification, ResidualFrictionFit, Source
+from monitor.identify.identification import Identification, Source
+from monitor.identify.parameters import paper_parameters, residual_friction
 from monitor.identify.settings import IdentifySettings, SignalSettings
 from monitor.identify.signals.arm import joint_torque, motions_of
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.ripple import combined, gear_ripple
 from monitor.identify.signals.temperature import mean_temperature, warming
 from monitor.identify.validate import errors_of, residual_peak
-from monitor.model.base import base_parameters
-from monitor.model.friction import AUTO, PAPER, friction_law, residual_law
+from monitor.model.base import Base, base_parameters
+from monitor.model.friction import AUTO, PAPER, friction_law
 from monitor.model.robot import Mounting, Robot
-from monitor.recording import Array, Mask, Recording
+from monitor.recording import Array, Recording
 
 METHODS = ("ls", "wls", "robust", "consistent")
 
@@ -108,7 +109,8 @@ def identify_motions(
     if not motions:
         raise BadInput("identify: no recording was given; expected one or more")
     base = base_parameters(robot, mounting)
-    problem = problem_of(motions, torques, robot, mounting, base, options.settings, options.method == "ls", options.rigid_from)
+    rigid = None if options.rigid_from is None else _known_rigid(options.rigid_from, robot, base)
+    problem = problem_of(motions, torques, robot, mounting, base, options.settings, all_rows=options.method == "ls", rigid=rigid)
     free, held_out = _fit(problem, options)
     found, physical = (free, None) if options.method != "consistent" else physical_fit(free, base, robot)
     causes = Causes(problem, found, problem.redundancy)
@@ -150,7 +152,7 @@ def identify_motions(
         sources=tuple(_source(moved) for moved in motions),
         held_out=held_out,
         physical=physical,
-        residual_friction=_residual_friction(problem, found, on) if options.residual_friction and found.law == PAPER else None,
+        residual_friction=residual_friction(problem, found, on) if options.residual_friction and found.law == PAPER else None,
         **paper._asdict(),
     )
 
@@ -165,20 +167,14 @@ def _fit(problem: FitProblem, options: IdentifyOptions) -> tuple[Fit, Mapping[st
     return fit(problem, law, method=options.least_squares, start=start), held_out
 
 
-def _residual_friction(problem: FitProblem, paper: Fit, moving: Mask) -> ResidualFrictionFit:
-    """The law of the residual friction on the same equations. moving : (N, J) the samples of all motions whose residual counts."""
-    law, B = residual_law(), len(problem.prior)
-    solution, residuals = refit(problem, paper, law)
-    values, places = solution.values, problem.layout.of_law(law)
-    loads = [np.where(eq.used, np.abs(eq.load(values[:B], problem.layout)), 0.0) for eq in problem.equations]
-    left = np.concatenate(residuals)
-    return ResidualFrictionFit(
-        law=law,
-        rigid=values[:B],
-        friction=np.where(np.all(solution.excited[places], axis=1)[:, None], values[places], np.nan),
-        load_nm=np.max(np.concatenate(loads), axis=0),
-        rms_nm=errors_of(left, np.zeros_like(left), moving).rms_nm,
-    )
+def _known_rigid(known: Identification, robot: Robot, base: Base) -> Array:
+    """(B,) the parameters of an identification that are to stay. Raises BadInput where it is of another robot or kind of mounting."""
+    if known.robot != robot.name or known.columns != base.columns:
+        raise BadInput(
+            f"rigid_from: the parameters are of {known.robot} with {len(known.columns)} base parameters; "
+            f"expected those of {robot.name} on the same kind of mounting, with {base.count}"
+        )
+    return known.values
 
 
 def _source(moved: Motion) -> Source:

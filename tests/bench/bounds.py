@@ -36,7 +36,7 @@ def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, C
     torque, felt = joint_torque(moved, robot), felt_columns(base.columns, robot.joints)
 
     def problem() -> FitProblem:
-        return problem_of([moved], [torque], robot, mounting, base, settings, all_rows=False, known=None)
+        return problem_of([moved], [torque], robot, mounting, base, settings)
 
     equations = problem()
     fitted = first_fit(equations, "wls")

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.fit import Fit, FitProblem, mean_load, projection, robust_inflation
+from monitor.identify.fit.fit import Fit, FitProblem, mean_load, robust_inflation
 from monitor.identify.fit.jackknife import jackknife_covariances
 from monitor.identify.fit.least_squares import Factor, Rows, Solution, factors, residuals_of, solve, with_own
-from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification
-from monitor.model.friction import PAPER, residual_law
+from monitor.model.friction import residual_law
 from monitor.recording import Array
 
 OTHER_CAUSES = ("delay", "warming_fc", "warming_fv", "offset")  # columns of each joint behind those of the law
@@ -126,65 +125,7 @@ def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes)
     return Covariances(alone * inflation, together * inflation + np.outer(leaning, leaning), lasting * inflation, upright)
 
 
-class PaperParameters(NamedTuple):
-    """The fit in the base parameters of the paper; the fields are those of `Identification`."""
-
-    values: Array
-    covariance: Array
-    coulomb_nm: Array
-    viscous_nm_s_per_rad: Array
-    friction_cov: Array
-    friction: FrictionFit | None
-    total_covariance: Array
-    misfit_cov: Array
-    paper_d: Array
-
-
-def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Causes, rigid_from: Identification | None) -> PaperParameters:
-    """The paper's base parameters and their covariances, whatever the friction law. free, causes : as in `covariances`."""
-    layout, solution = problem.layout, found.solution
-    sure = covariances(problem, found, free, causes)
-    covariance = sure.noise
-    unknown = ~solution.excited
-    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
-    richer_law = found.law != PAPER  # a line needs no load
-    loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations] if richer_law else []
-    M, places = projection(problem, loads, found), layout.of_law(found.law)  # (B, X), (J, K)
-    values, base_covariance, total = M @ solution.values, _mapped(M, covariance), _mapped(M, sure.with_misfit)
-    misfit = _mapped(M, sure.lasting) - _mapped(M, np.nan_to_num(covariance))
-    total[np.isnan(base_covariance)] = np.nan
-    if rigid_from is not None:
-        values[layout.rigid] = rigid_from.values[layout.rigid]
-        rigid = np.ix_(layout.rigid, layout.rigid)
-        base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
-    known = np.all(solution.excited[places], axis=1)  # (J,)
-    pair = layout.friction[:, :, None], layout.friction[:, None, :]
-    coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
-    speeds = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
-    off = _law_doubt(problem, sure.upright, values[layout.friction], QUOTED_SPEEDS_RAD_S)  # (J,) [N·m]
-    another = np.array([off_nm**2 * np.diag([1.0, 1.0 / max(speed, 0.1) ** 2]) for off_nm, speed in zip(off, speeds, strict=True)])
-    richer = None
-    if richer_law:
-        richer = FrictionFit(
-            law=found.law,
-            values=solution.values[places],
-            covariance=covariance[places[:, :, None], places[:, None, :]],
-            load_nm=mean_load(problem, loads),
-        )
-    return PaperParameters(
-        values=values,
-        covariance=base_covariance,
-        coulomb_nm=coulomb,
-        viscous_nm_s_per_rad=viscous,
-        friction_cov=base_covariance[pair],
-        friction=richer,
-        total_covariance=total,
-        misfit_cov=np.where(known[:, None, None], _positive(misfit[pair]) + another, np.nan),
-        paper_d=np.linalg.norm((M @ solution.directions), axis=1),
-    )
-
-
-def _law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Sequence[float]) -> Array:
+def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Sequence[float]) -> Array:
     """(J,) how far the line fc + fv·v is off the curve of the residual friction, at the worst of these speeds [N·m].
 
     The curve is that of the fit beside its causes, at the mean load. No law is the arm's: what separates a line from a curve that fits
@@ -201,7 +142,7 @@ def _law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Sequ
     return np.where(known, off, 0.0)
 
 
-def _mapped(M: Array, covariance: Array) -> Array:
+def mapped(M: Array, covariance: Array) -> Array:
     """M C Mᵀ. Entries become NaN only where they depend on an unknown whose variance is NaN."""
     unknown = np.isnan(np.diag(covariance))
     mapped: Array = M @ np.where(unknown[:, None] | unknown, 0.0, covariance) @ M.T
@@ -210,7 +151,7 @@ def _mapped(M: Array, covariance: Array) -> Array:
     return mapped
 
 
-def _positive(covariances: Array) -> Array:
+def positive(covariances: Array) -> Array:
     """The nearest covariances (n, B, B) without negative variances. A matrix that holds NaN is returned as it is."""
     finite = np.all(np.isfinite(covariances), axis=(1, 2))
     positive = covariances.copy()

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.errors import BadInput
 from monitor.identify.fit.jackknife import CORRELATED_S, block_steps
 from monitor.identify.fit.least_squares import (
     Factor,
@@ -28,7 +27,6 @@ from monitor.identify.fit.least_squares import (
     triangle,
     with_own,
 )
-from monitor.identify.identification import Identification
 from monitor.identify.settings import IdentifySettings
 from monitor.identify.signals.motion import Motion
 from monitor.model.base import Base
@@ -115,20 +113,15 @@ def problem_of(
     mounting: Mounting,
     base: Base,
     settings: IdentifySettings,
-    all_rows: bool,
-    known: Identification | None,
+    *,
+    all_rows: bool = False,
+    rigid: Array | None = None,
 ) -> FitProblem:
     """The equations of all motions with their prior.
 
-    torques : (N, J) [N·m] of each motion. all_rows : as for `equations_of`. known : an identification whose rigid parameters stay; None:
-    the prior is the manufacturer's masses, which count only where the motion reveals nothing. Raises BadInput where the known parameters
-    are of another robot or kind of mounting.
+    torques : (N, J) [N·m] of each motion. all_rows : as for `equations_of`. rigid : (B,) base parameters whose rigid part stays; None: the
+    prior is the manufacturer's masses, which count only where the motion reveals nothing.
     """
-    if known is not None and (known.robot != robot.name or known.columns != base.columns):
-        raise BadInput(
-            f"rigid_from: the parameters are of {known.robot} with {len(known.columns)} base parameters; "
-            f"expected those of {robot.name} on the same kind of mounting, with {base.count}"
-        )
     return FitProblem(
         equations=[
             equations_of(
@@ -136,8 +129,8 @@ def problem_of(
             )
             for moved, torque in zip(motions, torques, strict=True)
         ],
-        layout=layout_of(base.columns, robot.joints, frozen=known is not None),
-        prior=base.combination @ robot.nominal_parameters() if known is None else known.values,
+        layout=layout_of(base.columns, robot.joints, frozen=rigid is not None),
+        prior=base.combination @ robot.nominal_parameters() if rigid is None else rigid,
     )
 
 
