@@ -12,7 +12,8 @@ from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import CampaignSettings, campaign
-from monitor.studies.paper.reproduce import reproduce, reproduction_page, sections
+from monitor.studies.paper.reproduce import reproduce, reproduction_page
+from monitor.studies.paper.statements import sections
 from monitor.views.report.html import check_page
 
 SHORT = CampaignSettings(replays=2, evaluations=200, repetitions=1)

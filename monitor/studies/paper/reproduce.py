@@ -1,13 +1,9 @@
-"""The comparison of a campaign with the paper: a section for each table and figure.
-
-Structure, ranks, equations, signs and orders of magnitude must agree. Figures that belong to the paper's own arms (friction, temperature,
-noise) must differ, because the simulated arm has a friction law, heat and noise of its own.
-"""
+"""The command `reproduce`: the campaign of each robot compared with the paper, as a document and as one self-contained HTML page."""
 
 import multiprocessing
 import queue
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,21 +13,8 @@ from monitor import __version__
 from monitor.errors import BadInput
 from monitor.studies.paper import printed as paper
 from monitor.studies.paper.campaign import Campaign, CampaignSettings, campaign
-from monitor.studies.paper.figures import Check, Section
-from monitor.studies.paper.sections_model import appendix, identifiability, parameters, trajectories, transfer, validation
-from monitor.studies.paper.sections_temperature import torques, viscous, warm_up
+from monitor.studies.paper.statements import Check, Section, sections
 from monitor.views.report.html import Column, Markup, bullets, check_page, drawn, escaped, heading, page, paragraph, table
-
-PAPER_ORDER = (identifiability, trajectories, parameters, validation, warm_up, viscous, torques, transfer, appendix)
-
-
-def sections(found: Campaign) -> Iterator[Section]:
-    """The sections of one campaign in the order of the paper."""
-    for section in PAPER_ORDER:
-        yield section(found)
-
-
-# --- The report of the reproduction as one self-contained HTML page -------------------------------------
 
 LONG_TABLE = 20  # rows; a longer table can be folded on a screen
 # a check's outcome → class of the style sheet, word
@@ -142,7 +125,7 @@ def reproduce(robots: Sequence[str], settings: CampaignSettings, show: Show, out
         check_page(output)
     began = time.monotonic()
     found = _played(list(dict.fromkeys(robots)), settings, show)
-    by_robot = {one.robot.name: list(sections(one)) for one in found}
+    by_robot = {one.robot.name: sections(one) for one in found}
     took_s = round(time.monotonic() - began, 1)
     document = {
         "paper": paper.TITLE,

@@ -1,8 +1,7 @@
-"""The values that a section of the reproduction is made of: checks, tables and drawings."""
+"""The figures of the paper, drawn from a campaign on a simulated arm."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,69 +12,6 @@ from monitor.studies.paper.printed import PRINTED
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-ORDER = 5.0  # two figures whose ratio is within this factor have the same order of magnitude
-Expected = Literal["agree", "alike", "differ"]  # to the last figure or sign, in order of magnitude, not at all
-
-
-class Check(NamedTuple):
-    """One statement of the paper beside ours. The paper is reproduced where every check holds that can."""
-
-    what: str
-    paper: str
-    ours: str
-    expected: Expected
-    holds: bool | None  # None: the figures must differ, as the arm is another one
-    why: str
-
-    @property
-    def document(self) -> dict[str, Any]:
-        """The check as plain JSON."""
-        return {**self._asdict(), "holds": None if self.holds is None else bool(self.holds)}
-
-
-class Rows(NamedTuple):
-    """A table. The first column holds words, the others figures."""
-
-    columns: tuple[str, ...]
-    rows: list[list[Any]]
-
-
-@dataclass(slots=True)
-class Section:
-    """One figure or table of the paper, and its comparison. `drawings` are functions of the campaign, each with a caption."""
-
-    key: str
-    title: str
-    text: str
-    checks: list[Check] = field(default_factory=list)
-    tables: list[tuple[str, Rows]] = field(default_factory=list)
-    drawings: list[tuple[Callable[[Campaign], "Figure"], str]] = field(default_factory=list)
-
-    def as_document(self) -> dict[str, Any]:
-        """Checks and tables as plain JSON."""
-        return {
-            "section": self.key,
-            "title": self.title,
-            "checks": [check.document for check in self.checks],
-            "tables": [{"title": title, "columns": list(rows.columns), "rows": rows.rows} for title, rows in self.tables],
-        }
-
-
-def span(values: Array, unit: str, digits: int = 1) -> str:
-    """The least and the largest of the values, with their unit."""
-    return f"{np.min(values):.{digits}f} … {np.max(values):.{digits}f} {unit}"
-
-
-def r_squared(x: Array, y: Array) -> float:
-    """Share of the variance of y (N,) that a straight line over x (N,) explains; NaN for fewer than three points or a constant y."""
-    if len(x) < 3 or not np.ptp(y) > 0:
-        return float("nan")
-    residual = y - np.polyval(np.polyfit(x, y, 1), x)
-    return float(1.0 - np.var(residual) / np.var(y))
-
-
-# --- The figures of the paper, drawn from a campaign on a simulated arm ---------------------------------
 
 RATE_HZ = 125.0  # of the drawn trajectories
 SHOWN_S = 10.0  # of a curve over time: one period
@@ -176,24 +112,34 @@ def parameters(found: Campaign) -> "Figure":
 
 def validation(found: Campaign) -> "Figure":
     """Figures 4 to 6: torque along the validation trajectory, measured and predicted."""
-    figure, axes = _joints(6.2)
-    shown = found.validation_t_s <= SHOWN_S
-    t = found.validation_t_s[shown][::EVERY]
     styles = (("before", BEFORE, 1.0, "manufacturer's data"), ("measured", MEASURED, 1.6, "measured"), ("LS", MODEL, 1.1, "identified, LS"))
-    for j, one in enumerate(axes):
-        for key, colour, width, label in styles:
-            one.plot(t, found.validation_nm[key][shown][::EVERY, j], color=colour, lw=width, label=label)
-        one.set_ylabel("torque [Nm]", fontsize="small")
-    return _finished(figure, axes, "t [s]")
+    return _torques(found.validation_t_s, found.validation_nm, styles)
 
 
 def cold_and_warm(found: Campaign) -> "Figure":
     """Figure 7: torque along the excitation by the cold and by the warm identification."""
+    styles = (("cold", COLD, 1.2, "cold"), ("warm", WARM, 1.2, "warm"))
+    return _torques(found.cold_warm_t_s, {"cold": found.cold_nm, "warm": found.warm_nm}, styles)
+
+
+def transfer(found: Campaign) -> "Figure":
+    """Figure 9: torque on the ceiling, simulated, and predicted with the regressor of either mounting."""
+    styles = (
+        ("ground regressor", BEFORE, 1.0, "with the ground's regressor"),
+        ("measured", MEASURED, 1.6, "simulated, no friction"),
+        ("ceiling", MODEL, 1.0, "with the ceiling's regressor"),
+    )
+    return _torques(found.transfer_t_s, found.transfer_nm, styles)
+
+
+def _torques(t_s: Array, torques_nm: Mapping[str, Array], styles: tuple[tuple[str, str, float, str], ...]) -> "Figure":
+    """One period of several torque curves (N, J). styles : name, colour, width and label of each."""
     figure, axes = _joints(6.2)
-    t = found.cold_warm_t_s[::EVERY]
+    shown = t_s <= SHOWN_S
     for j, one in enumerate(axes):
-        one.plot(t, found.cold_nm[::EVERY, j], color=COLD, lw=1.2, label="cold")
-        one.plot(t, found.warm_nm[::EVERY, j], color=WARM, lw=1.2, ls="--", label="warm")
+        for key, colour, width, label in styles:
+            line = "--" if key == "warm" else "-"
+            one.plot(t_s[shown][::EVERY], torques_nm[key][shown][::EVERY, j], color=colour, lw=width, ls=line, label=label)
         one.set_ylabel("torque [Nm]", fontsize="small")
     return _finished(figure, axes, "t [s]")
 
@@ -218,23 +164,6 @@ def viscous_over_temperature(found: Campaign) -> "Figure":
 def _line(x: Array, y: Array) -> Array:
     """The straight line through points, at their x; y itself where all x are equal."""
     return np.polyval(np.polyfit(x, y, 1), x).astype(float) if np.ptp(x) > 0 else y
-
-
-def transfer(found: Campaign) -> "Figure":
-    """Figure 9: torque on the ceiling, simulated, and predicted with the regressor of either mounting."""
-    figure, axes = _joints(6.2)
-    shown = found.transfer_t_s <= SHOWN_S
-    t = found.transfer_t_s[shown][::EVERY]
-    styles = (
-        ("ground regressor", BEFORE, 1.0, "with the ground's regressor"),
-        ("measured", MEASURED, 1.6, "simulated, no friction"),
-        ("ceiling", MODEL, 1.0, "with the ceiling's regressor"),
-    )
-    for j, one in enumerate(axes):
-        for key, colour, width, label in styles:
-            one.plot(t, found.transfer_nm[key][shown][::EVERY, j], color=colour, lw=width, label=label)
-        one.set_ylabel("torque [Nm]", fontsize="small")
-    return _finished(figure, axes, "t [s]")
 
 
 def _finished(figure: "Figure", axes: "list[Axes]", xlabel: str) -> "Figure":
