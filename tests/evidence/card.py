@@ -164,10 +164,10 @@ def _intervals(document: dict[str, Any], arm_days_a_minute: float) -> str:
 
 def _life_row(row: dict[str, Any]) -> str:
     """Coverage and median of remaining life on one path, asked at one share of life."""
-    when = f"{row['path']} path, at {100 * row['at_share_of_life']:.0f} % of life ({row['no_trend']} of {row['asked']} have no date)"
+    when = f"{row['path']} path, at {100 * row['at_share_of_life']:.0f} % of life ({row['without_date']} of {row['asked']} have no date)"
     held, ratio = row["p10_p90_holds"], row["p50_over_truth"]
-    text = f"| P10–P90 of life contain the truth: {when} | {_share(held, both=True) if held else '–'} | "
-    text += f"75–88 % {_met(bool(held) and held['share'] >= 0.75 and held['share'] <= 0.88)} |\n"
+    text = f"| P10–P90 of life contain the truth: {when} | {_share(held, both=True)} | "
+    text += f"75–88 % {_met(held['of'] > 0 and held['share'] >= 0.75 and held['share'] <= 0.88)} |\n"
     return (
         text
         + f"| median of P50 over the truth, the same | {_days_ratio(ratio)} | 0.7–1.4 {_met(ratio is not None and 0.7 <= ratio <= 1.4)} |\n"

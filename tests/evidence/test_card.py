@@ -12,9 +12,9 @@ from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.judge.settings import AssessSettings
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE, play
-from monitor.studies.rehearsal.rehearse import Covered, Reported, delay, detection_row, onsets
+from monitor.studies.rehearsal.rehearse import Covered, LifeAnswer, Reported, delay, detection_row, life_documents, onsets
 from monitor.studies.worlds.table import WORLDS
-from monitor.studies.worlds.verdicts import LifeAnswer, life_documents, play_world
+from monitor.studies.worlds.verdicts import play_world
 
 ASSESS = AssessSettings()
 
@@ -38,7 +38,7 @@ def test_the_card_has_a_row_a_world_with_its_goals():
         **{key: plain["false_advisories"]["counted"][key] for key in ("events", "per_year", "at_most")},
     }
     told = {**plain, "world": "told", "false_advisories": {**plain["false_advisories"], "counted": kinds}}
-    life = [{**row, "remaining_life": life_documents([LifeAnswer(0, 0.5, said(100.0), 100.0)], 0)} for row in plain["detection"]]
+    life = [{**row, "remaining_life": life_documents([LifeAnswer(0, 0.5, said(100.0), 100.0)])} for row in plain["detection"]]
     observer = [{**row, "false_per_year": rate, "median_days": 9.0} for row in plain["detection"] for rate in (0.07, 0.1)]
     documents = [plain, told, {**plain, "world": "lives", "detection": life}]
     text = worlds_section(documents, arms=64, seed=7, noise_known={"plain": observer})
@@ -107,7 +107,7 @@ def test_the_card_marks_what_was_not_reached():
                     "path": "exponential",
                     "at_share_of_life": 0.75,
                     "asked": 12,
-                    "no_trend": 2,
+                    "without_date": 2,
                     "p10_p90_holds": {**share, "share": 1.0, "at_least": 0.74, "at_most": 1.0},
                     "p50_over_truth": 1.2,
                 }

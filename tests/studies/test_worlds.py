@@ -10,32 +10,33 @@ from hypothesis import strategies as st
 
 from monitor.judge.alerts.remaining_life import RemainingLife
 from monitor.judge.settings import AssessSettings
-from monitor.studies.rehearsal.play import judged_days
+from monitor.studies.rehearsal.play import Episodes, judged_days
+from monitor.studies.rehearsal.rehearse import LifeAnswer, life_documents
 from monitor.studies.worlds.fleet import WorldFleet
 from monitor.studies.worlds.laws import (
     REFERENCE_RAD_S,
-    BadDays,
     Correlated,
     Friction,
     Heat,
-    LevelJumps,
-    Modulated,
-    Payload,
-    PowerLaw,
-    RunningIn,
-    Sawtooth,
-    SensorShift,
-    Telegraph,
-    Wandering,
-    Yearly,
+    bad_days,
     exponential,
+    level_jumps,
+    modulated,
+    payload,
     power,
+    power_law,
+    running_in,
+    sawtooth,
     seasonal_std,
+    sensor_shift,
     straight,
     swelling_std,
+    telegraph,
+    wandering,
+    yearly,
 )
 from monitor.studies.worlds.table import WORLDS
-from monitor.studies.worlds.verdicts import Episodes, LifeAnswer, judge_world, life_documents, play_world, world_document, world_line
+from monitor.studies.worlds.verdicts import judge_world, play_world, world_document, world_line
 
 SHAPE = (1000, 20, 6)
 ASSESS = AssessSettings()
@@ -89,7 +90,7 @@ def test_students_noise_has_students_tails():
 @pytest.mark.parametrize("exponent", [1.0, 2.0])
 def test_the_spectrum_of_power_law_noise_falls_as_named(exponent):
     """The slope of the averaged periodogram between 1/500 and 1/10 a day, and σ about the mean over three years."""
-    x = drawn(PowerLaw(std=0.02, exponent=exponent), shape=(1095, 40, 6))
+    x = drawn(power_law(std=0.02, exponent=exponent), shape=(1095, 40, 6))
     window = np.hanning(1095)[:, None, None]  # against leakage of what is slower than the window
     power = np.mean(np.abs(np.fft.rfft((x - x.mean(axis=0)) * window, axis=0)) ** 2, axis=(1, 2))
     f = np.fft.rfftfreq(1095)
@@ -100,7 +101,7 @@ def test_the_spectrum_of_power_law_noise_falls_as_named(exponent):
 
 def test_seasonal_noise_is_largest_half_a_year_from_where_it_is_smallest():
     """Winter 4 %, summer 1 %: each joint's σ over windows of 30 days swings between them once a year."""
-    x = drawn(Modulated(std=seasonal_std(0.04, 0.01), rho=0.0), shape=(730, 30, 6))
+    x = drawn(modulated(seasonal_std(0.04, 0.01), rho=0.0), shape=(730, 30, 6))
     std = x.reshape(-1, 10, 30, 6).std(axis=(1, 3))  # of each arm over ten days and its six joints
     assert np.quantile(std, 0.97) == pytest.approx(0.04, rel=0.15)
     assert np.quantile(std, 0.03) == pytest.approx(0.01, rel=0.25)
@@ -128,7 +129,7 @@ def test_mixed_noise_differs_from_joint_to_joint():
 
 def test_running_in_falls_by_its_share_and_then_stays():
     """5–10 % in the first months: nothing moves by more than 0.1 % in the third year."""
-    log = drawn(RunningIn()).dry
+    log = drawn(running_in()).dry
     assert np.all((np.exp(log[-1]) >= 0.90) & (np.exp(log[-1]) <= 0.95))
     assert np.all(np.diff(log, axis=0) <= 0.0)
     assert np.all(np.abs(log[730] - log[-1]) < 0.001)
@@ -138,7 +139,7 @@ def test_running_in_falls_by_its_share_and_then_stays():
 @settings(max_examples=10)
 def test_a_year_that_is_not_temperature_has_its_size(common, seed):
     """A swing of about ±2 % with the period of a year, of all joints of an arm or of each joint."""
-    log = Yearly(amplitude=0.02, common=common)(np.random.default_rng(seed), (730, 20, 6)).dry
+    log = yearly(amplitude=0.02, common=common)(np.random.default_rng(seed), (730, 20, 6)).dry
     assert log.shape == (730, 20, 1 if common else 6)
     assert np.median(np.ptp(log, axis=0) / 2.0) == pytest.approx(0.02, rel=0.25)
     assert np.allclose(log[:365], log[365:], atol=1e-12)
@@ -146,14 +147,14 @@ def test_a_year_that_is_not_temperature_has_its_size(common, seed):
 
 def test_a_walk_begins_at_nothing():
     """So that it is a change since the first replay."""
-    log = drawn(Wandering(std=0.02, common=False)).dry
+    log = drawn(wandering(std=0.02, common=False)).dry
     assert np.all(log[0] == 0.0)
     assert log[500:].std() == pytest.approx(0.02 * np.sqrt(2.0), rel=0.15)  # of the difference to the first day
 
 
 def test_a_payload_is_felt_at_shoulder_and_elbow():
     """One or two per cent of friction there, less in the wrists, and away again after its time."""
-    felt = drawn(Payload(kept_days=30.0)).dry
+    felt = drawn(payload(kept_days=30.0)).dry
     rise = felt.max(axis=0)
     assert np.all(rise[:, [1, 2]] > 2.0 * rise[:, [3, 4, 5]].max(axis=1, keepdims=True))
     assert np.all((felt > 0).all(axis=2).sum(axis=0) == 30)
@@ -299,19 +300,19 @@ def test_false_advisories_are_counted_apart_by_the_arms_age():
 
 def test_healthy_joints_jump_go_back_and_forth_and_cycle_as_their_worlds_say():
     """Jumps are rare and common; a telegraph has two levels; a sawtooth rises far longer than it falls; a sensor shifts in one joint."""
-    jumps = np.diff(drawn(LevelJumps()).dry, axis=0)
+    jumps = np.diff(drawn(level_jumps()).dry, axis=0)
     assert np.mean(jumps != 0.0) == pytest.approx(3.0 / 365.0, rel=0.3)
     assert jumps.shape[2] == 1
-    off = drawn(BadDays(a_year=3.0)).dry
+    off = drawn(bad_days(a_year=3.0)).dry
     assert np.all((off == 0.0) | (np.abs(np.expm1(off)) >= 0.05))
     assert np.abs(np.expm1(off)).max() <= 0.4
     assert 0.01 <= (off != 0.0).any(axis=2).mean() <= 0.05
-    levels = drawn(Telegraph()).dry
+    levels = drawn(telegraph()).dry
     assert np.unique(levels).tolist() == [-0.015, 0.015]
     assert np.mean(np.diff(levels, axis=0) != 0.0) == pytest.approx(1.0 / 20.0, rel=0.1)
-    tooth = np.diff(drawn(Sawtooth()).dry, axis=0)
+    tooth = np.diff(drawn(sawtooth()).dry, axis=0)
     assert np.mean(tooth > 0.0) == pytest.approx(0.88, abs=0.03)
-    shifted = drawn(SensorShift()).sensor_k
+    shifted = drawn(sensor_shift()).sensor_k
     assert np.all(shifted[0] == 0.0)
     assert np.all((shifted[-1] == 2.0).sum(axis=1) == 1)
 
@@ -347,7 +348,7 @@ def test_an_advisory_of_the_worn_joint_before_the_onset_is_no_detection():
 def test_remaining_life_is_asked_at_half_and_at_three_quarters():
     """Exact predictions hold and are near; one that is twice the truth is not near; no date is counted as such."""
     answers = [LifeAnswer(0, 0.5, said(days), 100.0) for days in (100.0, 200.0, None)] + [LifeAnswer(0, 0.75, said(100.0), 100.0)]
-    half, late = life_documents(answers, 0)
+    half, late = life_documents(answers)
     assert half["p10_p90_holds"]["hits"] == 1
     assert half["p10_p90_holds"]["of"] == 2
     assert half["p50_near"]["of"] == 3

@@ -128,12 +128,14 @@ class Fleet:
         self._holiday_until = np.zeros(A)
         self._revolutions = np.zeros((A, J))
         self._used_days = np.zeros(A)
+        self._worn = np.zeros((A, J))  # log of the wear factor
 
     def morning(self, day: int) -> Day:
         """A day's work, a night, and the replay of the next morning. To be called for every day in turn."""
         morning = self._live_a_day(day)
         replayed, opened = self._enter_contexts(morning.away)
         factor = self.wear.at(day, self.joints, self._used_days)
+        self._worn = np.log(factor)
         truth = np.log(self.torque(morning.grease_c, factor))
         return Day(
             replayed=replayed,
@@ -141,7 +143,7 @@ class Fleet:
             opened=opened,
             seen=self._observe(morning, truth, replayed),
             truth=truth,
-            worn=np.log(factor),
+            worn=self._worn,
             revolutions=self._revolutions.copy(),
             used_days=self._used_days.copy(),
         )
@@ -217,6 +219,11 @@ class Fleet:
         speed = np.full(grease_c.shape, self.settings.reference_speed_rad_s)
         load = self._load_nm * (1.0 + self._payload_share[np.arange(self.arms), self._payload])
         return self.law.torque(speed, load, grease_c, factor, factor)
+
+    def log_torque_at(self, number: int, temperature_c: Array) -> Array:  # noqa: ARG002 - the newest morning's number
+        """(A, J) true log friction at the reference speed at the newest morning and a temperature (A, J)."""
+        result: Array = np.log(self.torque(temperature_c, np.exp(self._worn)))
+        return result
 
     def _viscous_share(self, grease_c: Array) -> Array:
         """(A, J) share that `identify` finds viscous: by the slope of the line through the law at two speeds."""

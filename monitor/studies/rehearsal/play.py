@@ -25,6 +25,7 @@ LEARNING_DAYS = 60
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Scenarios with a replay on every day against one baseline: there, a delay in days is a delay in replays."""
 TIERS = 3  # advisory, wear, limit
+CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,6 +67,10 @@ class LivingFleet(Protocol):
         """The replays of that number, or of that day where there is one a day; called for every number in turn."""
         ...
 
+    def log_torque_at(self, number: int, temperature_c: Array) -> Array:
+        """(A, J) true log friction at the reference speed at the newest morning, which has that number, and a temperature (A, J)."""
+        ...
+
 
 class JudgedDay(NamedTuple):
     """A day's replays, or a part's of it, and what the judge made of them."""
@@ -98,30 +103,45 @@ def play(
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
-    alerts, accuracy = _AlertDays(fleet), _Accuracy(fleet, assess.drift)
-    for day, _, now, result, evidence, _ in judged_days(fleet, settings.days, assess):
-        state = result.state
+    tiers, falling, common = [Episodes(A * J) for _ in range(TIERS)], Episodes(A * J), Episodes(A)
+    coverage, slope = Coverage(fleet, assess.drift), _Slope(fleet)
+    for judged in judged_days(fleet, settings.days, assess):
+        day, now, evidence, state = judged.number, judged.now, judged.evidence, judged.result.state
         if day < learning:
             early |= np.concatenate([(evidence.raises >= 0) | evidence.falls, evidence.together])
         else:
-            alerts.add(day, evidence)
-            accuracy.add(now, result, undetected=np.isnan(alerts.tier[:, 0]))
+            for k, tier in enumerate(tiers):
+                tier.add(day, evidence.raises >= k, learning)
+            falling.add(day, evidence.falls, learning)
+            common.add(day, evidence.together, learning)
+            coverage.add(judged, np.isinf(tiers[0].first_on).reshape(A, J))
+            slope.add(now, judged.result)
         if watch:
             watch(day, now, state)
     assert state is not None
     return Played(
         fleet=fleet,
         days=settings.days - learning,
-        tier_day=alerts.tier.reshape(A, J, TIERS),
-        falling_day=alerts.falling.reshape(A, J),
-        common_day=alerts.common,
+        tier_day=np.stack([_or_nan(tier.first_on) for tier in tiers], axis=1).reshape(A, J, TIERS),
+        falling_day=_or_nan(falling.first_on).reshape(A, J),
+        common_day=_or_nan(common.first_on),
         early=int(early.sum()),
-        covered=accuracy.covered(),
-        covered_worn=accuracy.covered_worn(),
-        covered_undetected=accuracy.covered_undetected(),
-        slope_error_per_k=accuracy.slope_per_k(),
+        covered=coverage.held[:, :2].sum(axis=1) / np.maximum(coverage.of[:, :2].sum(axis=1), 1.0),
+        covered_worn=share_or_nan(coverage.share(1)),
+        covered_undetected=share_or_nan(coverage.share(2)),
+        slope_error_per_k=slope.per_k(),
         state=state,
     )
+
+
+def _or_nan(day: Array) -> Array:
+    """Days with NaN for never."""
+    return np.where(np.isinf(day), np.nan, day)
+
+
+def share_or_nan(share: float | None) -> float:
+    """A share, NaN where there is none."""
+    return float("nan") if share is None else share
 
 
 def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_use: bool = True) -> Iterator[JudgedDay]:
@@ -203,72 +223,66 @@ def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.
     return inside
 
 
-class _AlertDays:
-    """The first day of every alert; NaN before it came."""
+class Episodes:
+    """First days and number of episodes of a condition, for joints or arms; infinite is never."""
+
+    def __init__(self, size: int) -> None:
+        self.first_on = np.full(size, np.inf)  # after learning, also where it was on before
+        self.first = np.full(size, np.inf)  # of an episode that began after learning
+        self.count = np.zeros(size, dtype=int)  # of these
+        self._last = np.full(size, -np.inf)
+
+    def add(self, day: float, on: np.ndarray, learning: int) -> None:
+        """One more day; what was on while learning and never went off is no new episode."""
+        if day >= learning:
+            new = on & (day - self._last > CLEAR_DAYS)
+            self.first_on[on & np.isinf(self.first_on)] = day
+            self.first[new & np.isinf(self.first)] = day
+            self.count += new
+        self._last[on] = day
+
+
+class Coverage:
+    """How many replays of each arm had a 90 % interval that held the truth: of healthy joints, of worn ones, of these until detected."""
+
+    def __init__(self, fleet: LivingFleet, drift: DriftSettings) -> None:
+        self._fleet, self._drift = fleet, drift
+        self.held, self.of = np.zeros((2, fleet.arms, 3))
+
+    def add(self, judged: JudgedDay, undetected: np.ndarray) -> None:
+        """One more day. undetected : (A, J) or (A, 1) joints whose wear was not found so far."""
+        shape, state = (self._fleet.arms, self._fleet.joints), judged.result.state
+        truth = self._fleet.log_torque_at(judged.number, state.reference_temperature_c.reshape(shape))
+        holds, worn = interval_holds(truth.ravel(), state, self._drift).reshape(shape), judged.now.worn > 0
+        for k, mask in enumerate((~worn, worn, worn & undetected)):
+            counted = mask & judged.now.replayed[:, None]
+            self.held[:, k] += (holds & counted).sum(axis=1)
+            self.of[:, k] += counted.sum(axis=1)
+
+    def share(self, k: int, arms: np.ndarray | None = None) -> float | None:
+        """The share of the k-th kind, of all arms or of some; None without any."""
+        here = slice(None) if arms is None else arms
+        of = float(self.of[here, k].sum())
+        return float(self.held[here, k].sum()) / of if of else None
+
+
+class _Slope:
+    """What the temperature law leaves of the dependence on temperature: sums of a regression of friction left over on temperature."""
 
     def __init__(self, fleet: Fleet) -> None:
-        N = fleet.arms * fleet.joints
-        self.tier = np.full((N, TIERS), np.nan)
-        self.falling = np.full(N, np.nan)
-        self.common = np.full(fleet.arms, np.nan)
+        self._fleet, self._sums = fleet, np.zeros((fleet.arms * fleet.joints, 5))  # n, Σx, Σy, Σx², Σxy
 
-    def add(self, day: int, evidence: Evidence) -> None:
-        """One more day of a fleet."""
-        for k in range(TIERS):
-            self.tier[(evidence.raises >= k) & np.isnan(self.tier[:, k]), k] = day
-        self.falling[evidence.falls & np.isnan(self.falling)] = day
-        self.common[evidence.together & np.isnan(self.common)] = day
-
-
-class _Accuracy:
-    """How close the estimated friction is to the fleet's true friction, summed over days."""
-
-    def __init__(self, fleet: Fleet, drift: DriftSettings) -> None:
-        N = fleet.arms * fleet.joints
-        self._fleet, self._drift = fleet, drift
-        self._covered, self._replays = np.zeros(N), np.zeros(N)
-        self._worn_covered, self._worn_replays = 0.0, 0.0
-        self._undetected_covered, self._undetected_replays = 0.0, 0.0
-        self._sums = np.zeros((N, 5))  # n, Σx, Σy, Σx², Σxy of the regression of friction left over on temperature
-
-    def add(self, now: Day, result: StepResult, *, undetected: np.ndarray) -> None:
-        """One more day: whether the 90 % interval at T0 contains the truth, and what the temperature law leaves.
-
-        undetected : (N,) joints without a tier so far.
-        """
-        fleet, state, joints = self._fleet, result.state, result.state.filter_state
-        here = np.repeat(now.replayed, fleet.joints)
-        T, T0, slot = now.seen.temperature_c, state.reference_temperature_c, state.slot
-        truth = np.log(fleet.torque(T0.reshape(fleet.arms, fleet.joints), np.exp(now.worn))).ravel()
-        inside = interval_holds(truth, state, self._drift)
-        self._covered, self._replays = self._covered + (inside & here), self._replays + here
-        worn = (now.worn.ravel() > 0) & here
-        self._worn_covered += float((inside & worn).sum())
-        self._worn_replays += float(worn.sum())
-        self._undetected_covered += float((inside & worn & undetected).sum())
-        self._undetected_replays += float((worn & undetected).sum())
+    def add(self, now: Day, result: StepResult) -> None:
+        """One more day."""
+        state, joints, T = result.state, result.state.filter_state, now.seen.temperature_c
         # truth at the true temperature, less what the filter expects at the measured one, without its noise
-        left = now.truth.ravel() - joints.reference(np.where(np.isfinite(T), T, joints.origin_c), slot)[0]
-        use = joints.learnt_from & np.isfinite(T) & result.inside_range & here
-        x, y = np.where(use, T - T0, 0.0), np.where(use, left, 0.0)
+        left = now.truth.ravel() - joints.reference(np.where(np.isfinite(T), T, joints.origin_c), state.slot)[0]
+        use = joints.learnt_from & np.isfinite(T) & result.inside_range & np.repeat(now.replayed, self._fleet.joints)
+        x, y = np.where(use, T - state.reference_temperature_c, 0.0), np.where(use, left, 0.0)
         self._sums += np.stack([use, x, y, x * x, x * y], axis=1)
 
-    def covered(self) -> Array:
-        """(A,) share of replays and joints whose interval contained the truth."""
-        covered, replays = (each.reshape(self._fleet.arms, self._fleet.joints).sum(axis=1) for each in (self._covered, self._replays))
-        share: Array = covered / np.maximum(replays, 1.0)
-        return share
-
-    def covered_worn(self) -> float:
-        """The same of all joints that wear; NaN where there is none."""
-        return self._worn_covered / self._worn_replays if self._worn_replays else float("nan")
-
-    def covered_undetected(self) -> float:
-        """The same until their first tier; NaN where there is no such day."""
-        return self._undetected_covered / self._undetected_replays if self._undetected_replays else float("nan")
-
-    def slope_per_k(self) -> Array:
-        """(A, J) [1/K] slope of the friction left over, by least squares; NaN where temperature did not vary."""
+    def per_k(self) -> Array:
+        """(A, J) [1/K] slope by least squares; NaN where temperature did not vary."""
         n, sx, sy, sxx, sxy = self._sums.T
         with np.errstate(invalid="ignore", divide="ignore"):
             slope: Array = (n * sxy - sx * sy) / (n * sxx - sx * sx)

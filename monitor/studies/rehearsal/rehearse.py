@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.judge.alerts.remaining_life import remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
 from monitor.judge.drift.step import DriftState
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array, known_or_none
@@ -198,14 +198,51 @@ def along(path: str, share: Array) -> Array:
     return worn[path]
 
 
-class Answer(NamedTuple):
-    """What the monitor predicted of one arm."""
+class LifeAnswer(NamedTuple):
+    """What the monitor predicted of one joint that wears, and the truth."""
 
-    path: str
+    group: str | int  # path or number of the kind of wear
     share: float  # of life, when it was asked
-    near: bool  # P50 within ALPHA of the truth
-    covered: bool | None  # P10–P90 contained the truth; None where there was no prediction
-    ratio: float  # P50 over the truth; NaN where there was no prediction, infinity where P50 is beyond 54 years
+    predicted: RemainingLife
+    true_days: float
+
+    @property
+    def covered(self) -> bool | None:
+        """Whether P10–P90 held the truth; None where there was no date. A bound that is not given is beyond every date."""
+        early, late = self.predicted.p10_days, self.predicted.p90_days
+        return None if early is None else early <= self.true_days <= (np.inf if late is None else late)
+
+    @property
+    def ratio(self) -> float:
+        """P50 over the truth; NaN where there was no date, infinity where P50 is beyond 54 years."""
+        if self.predicted.p10_days is None:
+            return float("nan")
+        return float("inf") if self.predicted.p50_days is None else self.predicted.p50_days / self.true_days
+
+    @property
+    def near(self) -> bool:
+        """Whether P50 was within ALPHA of the truth."""
+        return abs(self.ratio - 1.0) <= ALPHA
+
+
+def life_documents(answers: Sequence[LifeAnswer]) -> list[dict[str, Any]]:
+    """For each share of life: how often P10–P90 held the truth, P50 was near, the median of P50 over the truth, and no date was given."""
+    rows = []
+    for share in ASKED_AT:
+        asked = [each for each in answers if each.share == share]
+        dated = [each for each in asked if each.covered is not None]
+        if asked:
+            rows.append(
+                {
+                    "at_share_of_life": share,
+                    "asked": len(asked),
+                    "without_date": len(asked) - len(dated),
+                    "p10_p90_holds": share_document(Share(hits=sum(bool(each.covered) for each in dated), of=len(dated))),
+                    "p50_near": share_document(Share(hits=sum(each.near for each in dated), of=len(asked))),
+                    "p50_over_truth": known_or_none(float(np.median([each.ratio for each in dated]))) if dated else None,
+                }
+            )
+    return rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,7 +251,7 @@ class Life:
 
     interval: Share  # P10–P90 contained the truth, at the half-life of straight paths
     alpha_lambda: Share  # P50 within 20 % of the truth, then
-    no_trend: int  # arms without a prediction, then
+    without_date: int  # arms without a prediction, then
     by_path: tuple[dict[str, Any], ...]  # a document for each path and share of life
 
 
@@ -241,44 +278,33 @@ def life_jobs(
     return jobs
 
 
-def summarise(groups: Iterable[list[Answer]]) -> Life:
+def summarise(groups: Iterable[list[LifeAnswer]]) -> Life:
     """The answers of all groups."""
     answers = [answer for group in groups for answer in group]
-    half = [answer for answer in answers if (answer.path, answer.share) == (STRAIGHT, HALF_LIFE)]
+    half = [answer for answer in answers if (answer.group, answer.share) == (STRAIGHT, HALF_LIFE)]
     inside = [answer.covered for answer in half if answer.covered is not None]
     return Life(
         interval=Share(hits=sum(inside), of=len(inside)),
         alpha_lambda=Share(hits=sum(answer.near for answer in half), of=len(half)),
-        no_trend=len(half) - len(inside),
-        by_path=tuple(_document(answers, path, share) for path in (STRAIGHT, EXPONENTIAL, ROOT) for share in ASKED_AT),
+        without_date=len(half) - len(inside),
+        by_path=tuple(
+            {"path": path, **row}
+            for path in (STRAIGHT, EXPONENTIAL, ROOT)
+            for row in life_documents([answer for answer in answers if answer.group == path])
+        ),
     )
-
-
-def _document(answers: list[Answer], path: str, share: float) -> dict[str, Any]:
-    """The figures of one path at one share of life."""
-    asked = [answer for answer in answers if (answer.path, answer.share) == (path, share)]
-    inside = [answer.covered for answer in asked if answer.covered is not None]
-    ratios = [answer.ratio for answer in asked if answer.covered is not None]
-    return {
-        "path": path,
-        "at_share_of_life": share,
-        "asked": len(asked),
-        "no_trend": len(asked) - len(inside),
-        "p10_p90_holds": share_document(Share(hits=sum(inside), of=len(inside))) if inside else None,
-        "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
-    }
 
 
 def answers_of(
     path: str, rate: Array, joint: np.ndarray, assess: AssessSettings, base: FleetSettings, asked_at: tuple[float, ...] = ASKED_AT
-) -> list[Answer]:
+) -> list[LifeAnswer]:
     """The answers of arms whose `joint` (A,) wears along a path that reaches the limit at a mean rate (A,) per mean day of work.
 
     asked_at : shares of life, ascending.
     """
     arms, rise = len(rate), assess.prognosis.limit_rise
     wear = wear_along(path, rate, joint, rise)
-    answers: list[Answer] = []
+    answers: list[LifeAnswer] = []
     asked = np.zeros((arms, len(asked_at)), dtype=bool)
 
     def watch(_: int, now: Day, state: DriftState) -> None:
@@ -288,7 +314,8 @@ def answers_of(
             asked[arm, k] = True
             left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             n = arm * state.joints_per_arm + int(joint[arm])
-            answers.append(_answer(path, asked_at[k], state, n, left, assess))
+            predicted = remaining_life_of_joint(state, n, assess.drift, assess.prognosis)
+            answers.append(LifeAnswer(path, asked_at[k], predicted, left / float(state.usage.per_day[n])))
 
     days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
     play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
@@ -304,17 +331,6 @@ def wear_along(path: str, rate: Array, joint: np.ndarray, rise: float) -> Wear:
         per_day=rate,
         path=lambda straight: rise * along(path, straight / rise),
     )
-
-
-def _answer(path: str, share: float, state: DriftState, n: int, truth: float, assess: AssessSettings) -> Answer:
-    """The monitor's prediction for joint n of the fleet against the true remaining revolutions."""
-    predicted = remaining_life_of_joint(state, n, assess.drift, assess.prognosis)
-    if predicted.p10_days is None:
-        return Answer(path, share, near=False, covered=None, ratio=np.nan)
-    usual = float(state.usage.per_day[n])
-    middle, latest = (np.inf if days is None else days * usual for days in (predicted.p50_days, predicted.p90_days))
-    near = abs(middle - truth) <= ALPHA * truth
-    return Answer(path, share, bool(near), bool(predicted.p10_days * usual <= truth <= latest), middle / truth)
 
 
 # --- Would these thresholds detect wear, and how many false alerts would they raise? Every figure of a simulated fleet, as one document ---
@@ -366,7 +382,7 @@ def rehearse(
         "remaining_life": {
             "p10_p90_holds": share_document(life.interval),
             "alpha_lambda_at_half_life": share_document(life.alpha_lambda),
-            "no_trend": life.no_trend,
+            "without_date": life.without_date,
             "by_path": list(life.by_path),
         },
     }

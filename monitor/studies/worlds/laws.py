@@ -1,9 +1,9 @@
-"""What differs from replay to replay and means nothing: laws of noise of log friction, each a value that draws (D, A, J)."""
+"""What differs from replay to replay and means nothing: laws of noise of log friction, each a function that draws (D, A, J)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -15,14 +15,8 @@ from monitor.recording import Array
 
 Shape = tuple[int, int, int]
 """D, A, J."""
-
-
-class Noise(Protocol):
-    """A law of noise."""
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
-        """(D, A, J) noise of log friction."""
-        ...
+Noise = Callable[[np.random.Generator, Shape], Array]
+"""Draws (D, A, J) noise of log friction, or a standard deviation of it that broadcasts to that."""
 
 
 def autoregressive(shocks: Array, rho: float | Array) -> Array:
@@ -39,10 +33,10 @@ def autoregressive(shocks: Array, rho: float | Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correlated:
-    """First-order autoregression, Gaussian or with Student's shocks; σ and ρ are one for all joints or differ from joint to joint."""
+    """First-order autoregression, Gaussian or with Student's shocks; a class, because an informed observer reads its σ and ρ."""
 
-    std: float | tuple[float, float] = 0.02  # or the ends of a log-uniform distribution over joints
-    rho: float | tuple[float, float] = 0.5  # or the ends of a uniform one
+    std: float | tuple[float, float] = 0.02  # of all joints, or the ends of a log-uniform distribution over joints
+    rho: float | tuple[float, float] = 0.5  # likewise, or the ends of a uniform one
     common: bool = False  # to the joints of an arm
     degrees: float | None = None  # of freedom of Student's t, scaled to the same variance; None: Gaussian
 
@@ -59,40 +53,29 @@ class Correlated:
         return std * autoregressive(shocks, rho)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PowerLaw:
+def power_law(*, std: float = 0.02, exponent: float = 1.0, over_days: float = 1095.0) -> Noise:
     """Noise whose spectrum falls like f^−exponent; `std` is its expected standard deviation about its mean over `over_days`."""
 
-    std: float = 0.02
-    exponent: float = 1.0
-    over_days: float = 1095.0
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
-        """(D, A, J) noise of log friction."""
-        length = scipy.fft.next_fast_len(int(4 * max(shape[0], self.over_days)))  # its period is far from what is used
+    def draw(rng: np.random.Generator, shape: Shape) -> Array:
+        length = scipy.fft.next_fast_len(int(4 * max(shape[0], over_days)))  # its period is far from what is used
         f = scipy.fft.rfftfreq(length)[1:]
-        power = f**-self.exponent
-        inside = np.sum(power * (1.0 - np.sinc(f * self.over_days) ** 2))  # of the variance, what is not the mean over the span
-        amplitude = np.sqrt(power / inside) * self.std * length / 2.0
+        power = f**-exponent
+        inside = np.sum(power * (1.0 - np.sinc(f * over_days) ** 2))  # of the variance, what is not the mean over the span
+        amplitude = np.sqrt(power / inside) * std * length / 2.0
         spectrum = np.zeros((len(f) + 1, *shape[1:]), dtype=complex)
         spectrum[1:] = amplitude[:, None, None] * (rng.normal(size=(len(f), *shape[1:])) + 1j * rng.normal(size=(len(f), *shape[1:])))
         result: Array = scipy.fft.irfft(spectrum, length, axis=0)[: shape[0]]
         return result
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Modulated:
-    """Another law of unit size under a standard deviation that changes with time: `std` gives (D, A, J) or what broadcasts to it."""
-
-    std: Callable[[np.random.Generator, Shape], Array]
-    rho: float = 0.5
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
-        """(D, A, J) noise of log friction."""
-        return self.std(rng, shape) * autoregressive(rng.normal(size=shape), self.rho)
+    return draw
 
 
-def seasonal_std(winter: float, summer: float) -> Callable[[np.random.Generator, Shape], Array]:
+def modulated(std: Noise, *, rho: float = 0.5) -> Noise:
+    """Noise of unit size under a standard deviation that changes with time."""
+    return lambda rng, shape: std(rng, shape) * autoregressive(rng.normal(size=shape), rho)
+
+
+def seasonal_std(winter: float, summer: float) -> Noise:
     """A standard deviation that swings between winter and summer; the arms begin at any time of the year."""
 
     def std(rng: np.random.Generator, shape: Shape) -> Array:
@@ -103,7 +86,7 @@ def seasonal_std(winter: float, summer: float) -> Callable[[np.random.Generator,
     return std
 
 
-def stepping_std(low: float, high: float, mean_days: float) -> Callable[[np.random.Generator, Shape], Array]:
+def stepping_std(low: float, high: float, mean_days: float) -> Noise:
     """A standard deviation that jumps between two values, each kept for an exponentially distributed time, arm by arm."""
 
     def std(rng: np.random.Generator, shape: Shape) -> Array:
@@ -114,7 +97,7 @@ def stepping_std(low: float, high: float, mean_days: float) -> Callable[[np.rand
     return std
 
 
-def swelling_std(mean: float, memory_days: float, spread: float) -> Callable[[np.random.Generator, Shape], Array]:
+def swelling_std(mean: float, memory_days: float, spread: float) -> Noise:
     """A standard deviation of each joint whose logarithm walks about a mean, forgotten within `memory_days`; `spread` is the walk's."""
 
     def std(rng: np.random.Generator, shape: Shape) -> Array:
@@ -125,21 +108,19 @@ def swelling_std(mean: float, memory_days: float, spread: float) -> Callable[[np
     return std
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sum:
+def together(*laws: Noise) -> Noise:
     """Several independent laws at once."""
 
-    laws: tuple[Noise, ...]
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Array:
-        """(D, A, J) noise of log friction."""
+    def draw(rng: np.random.Generator, shape: Shape) -> Array:
         total = np.zeros(shape)
-        for law in self.laws:
+        for law in laws:
             total += law(rng, shape)
         return total
 
+    return draw
 
-# --- What happens to healthy joints over the years: changes of friction that are no wear, each a value that draws its factors ---
+
+# --- What happens to healthy joints over the years: changes of friction that are no wear, each a function that draws its factors ---
 
 DAYS_A_YEAR = 365.0
 
@@ -156,12 +137,8 @@ class Factors(NamedTuple):
     declared: Array | float = 0.0  # … and 1 from the day on which a person declares it
 
 
-class Change(Protocol):
-    """A change of healthy joints."""
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The logarithms of the factors it causes."""
-        ...
+Change = Callable[[np.random.Generator, Shape], Factors]
+"""A change of healthy joints: the logarithms of the factors that it causes. Days are drawn for each arm."""
 
 
 def days_of(shape: Shape) -> Array:
@@ -169,216 +146,183 @@ def days_of(shape: Shape) -> Array:
     return np.arange(float(shape[0]))[:, None, None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunningIn:
-    """Friction falls by a share that differs from joint to joint, within a few months."""
+def running_in(*, fall: tuple[float, float] = (0.05, 0.10), time_constant_days: tuple[float, float] = (20.0, 60.0)) -> Change:
+    """Friction falls by a share that differs from joint to joint, within a few months; dry and viscous friction alike."""
 
-    fall: tuple[float, float] = (0.05, 0.10)
-    time_constant_days: tuple[float, float] = (20.0, 60.0)
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Dry and viscous friction fall alike."""
-        fall, tau = rng.uniform(*self.fall, shape[1:]), rng.uniform(*self.time_constant_days, (shape[1], 1))
-        log = np.log1p(-fall * (1.0 - np.exp(-days_of(shape) / tau)))
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        share, tau = rng.uniform(*fall, shape[1:]), rng.uniform(*time_constant_days, (shape[1], 1))
+        log = np.log1p(-share * (1.0 - np.exp(-days_of(shape) / tau)))
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Yearly:
-    """A year's swing that is not temperature, as of humidity or supply: common to an arm's joints or of each joint."""
 
-    amplitude: float = 0.02
-    common: bool = True
+def yearly(*, amplitude: float = 0.02, common: bool = True) -> Change:
+    """A year's swing that is not temperature, as of humidity or supply: common to an arm's joints or of each joint.
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """A year's swing with a half-year's harmonic of a fifth of its size, and another size each year."""
-        of = (shape[1], 1) if self.common else shape[1:]
+    It has a half-year's harmonic of a fifth of its size, and another size each year.
+    """
+
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        of = (shape[1], 1) if common else shape[1:]
         t = (days_of(shape) / DAYS_A_YEAR + rng.uniform(0.0, 1.0, of)) * 2.0 * np.pi
         swing = np.cos(t) + 0.2 * np.cos(2.0 * t + rng.uniform(0.0, 2.0 * np.pi, of))
-        log = self.amplitude * np.exp(0.15 * rng.normal(size=of)) * swing
+        log = amplitude * np.exp(0.15 * rng.normal(size=of)) * swing
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wandering:
-    """A slow walk about a mean: standard deviation `std`, forgotten within `memory_days`."""
 
-    std: float = 0.02
-    memory_days: float = 120.0
-    common: bool = True
-    dry: float = 1.0  # times the walk: dry friction, viscous friction, what the fit leaves
-    viscous: float = 1.0
-    residual: float = 0.0
+def wandering(
+    *, std: float = 0.02, memory_days: float = 120.0, common: bool = True, dry: float = 1.0, viscous: float = 1.0, residual: float = 0.0
+) -> Change:
+    """A slow walk about a mean, forgotten within `memory_days`. dry, viscous, residual : multiples of the walk."""
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The walk since the first day."""
-        of = (shape[1], 1) if self.common else shape[1:]
-        log = self.std * autoregressive(rng.normal(size=(shape[0], *of)), float(np.exp(-1.0 / self.memory_days)))
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        of = (shape[1], 1) if common else shape[1:]
+        log = std * autoregressive(rng.normal(size=(shape[0], *of)), float(np.exp(-1.0 / memory_days)))
         log = log - log[0]
-        return Factors(self.dry * log, self.viscous * log, residual=self.residual * log)
+        return Factors(dry * log, viscous * log, residual=residual * log)
+
+    return draw
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gain:
+def gain(*, factor: float = 1.03, days: tuple[float, float] = (90.0, 500.0)) -> Change:
     """Another scale of current, as after an update of the firmware that nobody declared: all joints at once, for good."""
 
-    factor: float = 1.03
-    days: tuple[float, float] = (90.0, 500.0)
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        return Factors(gain=np.where(days_of(shape) >= rng.uniform(*days, (shape[1], 1)), np.log(factor), 0.0))
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The scale of torque, from a day drawn for each arm."""
-        return Factors(gain=np.where(days_of(shape) >= rng.uniform(*self.days, (shape[1], 1)), np.log(self.factor), 0.0))
+    return draw
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LevelJumps:
+def level_jumps(*, std: float = 0.02, a_year: float = 3.0, common: bool = True) -> Change:
     """Friction jumps by a normal size and stays there until the next jump, some times a year: of all joints at once, or of each."""
 
-    std: float = 0.02
-    a_year: float = 3.0
-    common: bool = True
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The sum of all jumps so far."""
-        of = (shape[0], shape[1], 1 if self.common else shape[2])
-        log: Array = self.std * np.cumsum(np.where(rng.random(of) < self.a_year / DAYS_A_YEAR, rng.normal(size=of), 0.0), axis=0)
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        of = (shape[0], shape[1], 1 if common else shape[2])
+        log: Array = std * np.cumsum(np.where(rng.random(of) < a_year / DAYS_A_YEAR, rng.normal(size=of), 0.0), axis=0)
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Telegraph:
+
+def telegraph(*, apart: float = 0.03, mean_days: float = 20.0) -> Change:
     """Friction of each joint goes back and forth between two levels, each kept for an exponentially distributed time."""
 
-    apart: float = 0.03
-    mean_days: float = 20.0
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The level in force; arms begin at either."""
-        jumps = (rng.random(shape) < 1.0 / self.mean_days).cumsum(axis=0) + rng.integers(0, 2, shape[1:])
-        log = np.asarray(self.apart * ((jumps % 2) - 0.5), dtype=float)
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        jumps = (rng.random(shape) < 1.0 / mean_days).cumsum(axis=0) + rng.integers(0, 2, shape[1:])
+        log = np.asarray(apart * ((jumps % 2) - 0.5), dtype=float)
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BadDays:
+
+def bad_days(*, share: tuple[float, float] = (0.05, 0.40), days: tuple[int, int] = (2, 5), a_year: float = 1.0) -> Change:
     """On some days in a row one joint of an arm shows a friction that is far off, down or up, each day by another share; then as before."""
 
-    share: tuple[float, float] = (0.05, 0.40)
-    days: tuple[int, int] = (2, 5)
-    a_year: float = 1.0
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Spells begin on any day, in any joint."""
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
         log = np.zeros(shape)
-        for day, arm in zip(*np.nonzero(rng.random(shape[:2]) < self.a_year / DAYS_A_YEAR), strict=True):
-            last = min(day + int(rng.integers(self.days[0], self.days[1] + 1)), shape[0])
-            off = rng.choice([-1.0, 1.0]) * rng.uniform(*self.share, last - day)
+        for day, arm in zip(*np.nonzero(rng.random(shape[:2]) < a_year / DAYS_A_YEAR), strict=True):
+            last = min(day + int(rng.integers(days[0], days[1] + 1)), shape[0])
+            off = rng.choice([-1.0, 1.0]) * rng.uniform(*share, last - day)
             log[day:last, arm, rng.integers(shape[2])] = np.log1p(off)
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sawtooth:
-    """A year's cycle that is no sine: friction of all joints rises for most of the year, as humidity does, and falls within weeks."""
 
-    swing: float = 0.04  # from the lowest to the highest
-    falls_share: float = 0.12  # of the year
+def sawtooth(*, swing: float = 0.04, falls_share: float = 0.12) -> Change:
+    """A year's cycle that is no sine: friction of all joints rises for most of the year, as humidity does, and falls within weeks.
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Years begin on any day."""
+    swing : from the lowest to the highest. falls_share : of the year. Years begin on any day.
+    """
+
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
         year = (days_of(shape) / DAYS_A_YEAR + rng.uniform(0.0, 1.0, (shape[1], 1))) % 1.0
-        rises = 1.0 - self.falls_share
-        log: Array = self.swing * np.where(year < rises, year / rises, (1.0 - year) / self.falls_share)
+        rises = 1.0 - falls_share
+        log: Array = swing * np.where(year < rises, year / rises, (1.0 - year) / falls_share)
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorShift:
-    """The temperature sensor of one joint of each arm reads too much from a day on."""
 
-    kelvin: float = 2.0
-    days: tuple[float, float] = (90.0, 500.0)
+def sensor_shift(*, kelvin: float = 2.0, days: tuple[float, float] = (90.0, 500.0)) -> Change:
+    """The temperature sensor of one joint of each arm reads too much from a day on; friction is as before."""
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """The error, from a day drawn for each arm; friction is as before."""
-        joint, start = rng.integers(0, shape[2], shape[1]), rng.uniform(*self.days, (shape[1], 1))
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        joint, start = rng.integers(0, shape[2], shape[1]), rng.uniform(*days, (shape[1], 1))
         here = np.arange(shape[2]) == joint[:, None]
-        return Factors(sensor_k=np.where((days_of(shape) >= start) & here, self.kelvin, 0.0))
+        return Factors(sensor_k=np.where((days_of(shape) >= start) & here, kelvin, 0.0))
+
+    return draw
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSilence:
+def sensor_silence(*, weeks: tuple[float, float] = (4.0, 12.0), times: int = 3) -> Change:
     """The temperature of one joint of each arm is unknown for weeks, once or several times: a broken wire, and the wait for the part."""
 
-    weeks: tuple[float, float] = (4.0, 12.0)
-    times: int = 3
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Where it is unknown, the sensor's error is; friction is as before."""
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
         arms, t = shape[1], days_of(shape)
         here = np.arange(shape[2]) == rng.integers(0, shape[2], arms)[:, None]
         silent = np.zeros((shape[0], arms, 1), dtype=bool)
-        for _ in range(self.times):
+        for _ in range(times):
             start = rng.uniform(60.0, max(shape[0] - 60.0, 61.0), (arms, 1))
-            silent |= (t >= start) & (t < start + 7.0 * rng.uniform(*self.weeks, (arms, 1)))
+            silent |= (t >= start) & (t < start + 7.0 * rng.uniform(*weeks, (arms, 1)))
         return Factors(sensor_k=np.where(silent & here, np.nan, 0.0))
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Payload:
-    """An undeclared payload, by default of 0.3 kg: what the gears carry rises, and dry friction with it; most at shoulder and elbow.
 
-    A person declares it some days or weeks later; nobody does where it is kept for a while only.
+def payload(
+    *,
+    mass_kg: float = 0.3,
+    rise: tuple[float, ...] = (0.001, 0.014, 0.012, 0.005, 0.003, 0.0005),
+    days: tuple[float, float] = (90.0, 500.0),
+    kept_days: float = np.inf,
+    declared_after_days: tuple[float, float] = (5.0, 30.0),
+) -> Change:
+    """An undeclared payload: what the gears carry rises, and dry friction with it; most at shoulder and elbow.
+
+    A person declares it some days or weeks later; nobody does where it is kept for a while only. rise : of friction at the reference
+    speed, by joint.
     """
 
-    mass_kg: float = 0.3
-    rise: tuple[float, ...] = (0.001, 0.014, 0.012, 0.005, 0.003, 0.0005)  # of friction at the reference speed, by joint
-    days: tuple[float, float] = (90.0, 500.0)
-    kept_days: float = np.inf
-    declared_after_days: tuple[float, float] = (5.0, 30.0)
-
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Dry friction and what the arm carries, from a day drawn for each arm; arms hold it at other reaches."""
-        start, t = rng.uniform(*self.days, (shape[1], 1)), days_of(shape)
-        rise = np.array(self.rise) * rng.uniform(0.7, 1.3, (shape[1], 1))
-        dry = np.log1p(2.0 * rise)  # dry friction is about half of it
-        carried = (t >= start) & (t < start + self.kept_days)
-        declared = t >= start + rng.uniform(*self.declared_after_days, (shape[1], 1))
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        start, t = rng.uniform(*days, (shape[1], 1)), days_of(shape)
+        rises = np.array(rise) * rng.uniform(0.7, 1.3, (shape[1], 1))  # arms hold it at other reaches
+        dry = np.log1p(2.0 * rises)  # dry friction is about half of it
+        carried = (t >= start) & (t < start + kept_days)
+        declared = t >= start + rng.uniform(*declared_after_days, (shape[1], 1))
         return Factors(
             dry=np.where(carried, dry, 0.0),
-            undeclared_kg=np.where(carried, self.mass_kg, 0.0),
-            declared=np.where(declared & np.isinf(self.kept_days), 1.0, 0.0),
+            undeclared_kg=np.where(carried, mass_kg, 0.0),
+            declared=np.where(declared & np.isinf(kept_days), 1.0, 0.0),
         )
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Regrease:
-    """Undeclared new grease in all joints: friction falls at once, and creeps back by a share of that."""
 
-    fall: float = 0.10
-    days: tuple[float, float] = (100.0, 200.0)
-    creep: float = 0.0  # share of the fall that is lost again
-    creep_days: float = 40.0
+def regrease(*, fall: float = 0.10, days: tuple[float, float] = (100.0, 200.0), creep: float = 0.0, creep_days: float = 40.0) -> Change:
+    """Undeclared new grease in all joints: friction falls at once, and creeps back by the share `creep` of that."""
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Dry and viscous friction alike, from a day drawn for each arm."""
-        since = days_of(shape) - rng.uniform(*self.days, (shape[1], 1))
-        back = 1.0 - self.creep * (1.0 - np.exp(-np.maximum(since, 0.0) / self.creep_days))
-        log = np.where(since >= 0.0, np.log1p(-self.fall) * back, 0.0)
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
+        since = days_of(shape) - rng.uniform(*days, (shape[1], 1))
+        back = 1.0 - creep * (1.0 - np.exp(-np.maximum(since, 0.0) / creep_days))
+        log = np.where(since >= 0.0, np.log1p(-fall) * back, 0.0)
         return Factors(log, log)
 
+    return draw
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Weekday:
-    """Friction is another on some days of the week, as after idle weekends, by a size drawn for each joint."""
 
-    std: float = 0.02
+def weekday(*, std: float = 0.02) -> Change:
+    """Friction is another on Mondays, and half of it on Tuesdays, as after idle weekends, by a size drawn for each joint."""
 
-    def __call__(self, rng: np.random.Generator, shape: Shape) -> Factors:
-        """Mondays, and half of it on Tuesdays."""
+    def draw(rng: np.random.Generator, shape: Shape) -> Factors:
         day = days_of(shape) % 7
-        log = self.std * rng.normal(size=shape[1:]) * (1.0 * (day == 0) + 0.5 * (day == 1))
+        log = std * rng.normal(size=shape[1:]) * (1.0 * (day == 0) + 0.5 * (day == 1))
         return Factors(log, log)
+
+    return draw
 
 
 # --- Wear that is put into joints of a world, from its onset on -----------------------------------------

@@ -3,27 +3,18 @@
 import time
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from monitor.judge.alerts.evidence import Evidence
-from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of_joint
+from monitor.judge.alerts.remaining_life import remaining_life_of_joint
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array, known_or_none
 from monitor.studies.figures import DAYS_A_YEAR, Rate, Share, median_bounds, share_document
-from monitor.studies.rehearsal.play import LEARNING_DAYS, JudgedDay, interval_holds, judged_days
-from monitor.studies.rehearsal.rehearse import ALPHA, ASKED_AT
+from monitor.studies.rehearsal.play import LEARNING_DAYS, Coverage, Episodes, JudgedDay, judged_days
+from monitor.studies.rehearsal.rehearse import ASKED_AT, SOON_DAYS, LifeAnswer, life_documents
 from monitor.studies.worlds.fleet import World, WorldFleet
-
-
-class LifeAnswer(NamedTuple):
-    """One joint's prediction, and the truth."""
-
-    group: int  # number of the kind of wear
-    share: float  # of life, when it was asked
-    predicted: RemainingLife
-    true_days: float
 
 
 class Lives:
@@ -48,39 +39,8 @@ class Lives:
             self.answers.append(LifeAnswer(int(fleet.group[arm]), ASKED_AT[k], predicted, float(left)))
 
 
-def life_documents(answers: list[LifeAnswer], group: int) -> list[dict[str, Any]]:
-    """For each share of life: how often P10–P90 held the truth, P50 was near, the median of P50 over the truth, and no date was given."""
-    rows = []
-    for share in ASKED_AT:
-        asked = [each for each in answers if each.group == group and each.share == share]
-        dated = [each for each in asked if each.predicted.p10_days is not None]
-        if not asked:
-            continue
-        ratios = [np.inf if each.predicted.p50_days is None else each.predicted.p50_days / each.true_days for each in dated]
-        held = [_holds(each) for each in dated]
-        rows.append(
-            {
-                "at_share_of_life": share,
-                "asked": len(asked),
-                "without_date": len(asked) - len(dated),
-                "p10_p90_holds": share_document(Share(hits=sum(held), of=len(held))),
-                "p50_near": share_document(Share(hits=sum(abs(ratio - 1.0) <= ALPHA for ratio in ratios), of=len(asked))),
-                "p50_over_truth": known_or_none(float(np.median(ratios))) if ratios else None,
-            }
-        )
-    return rows
-
-
-def _holds(answer: LifeAnswer) -> bool:
-    """Whether P10–P90 holds the truth; a bound that is not given is beyond every date."""
-    early, late = answer.predicted.p10_days, answer.predicted.p90_days
-    return early is not None and early <= answer.true_days <= (np.inf if late is None else late)
-
-
 # --- What the judge makes of a world: false advisories, days to detection, coverage, counted as the text `COUNTED` says ---
 
-CLEAR_DAYS = 30  # so long without it, and an advisory counts as cleared: the next one is a new one
-SOON_DAYS = 30
 CONTRADICTIONS = 2  # in a row raise the alert
 LIFE_DAYS = (LEARNING_DAYS, 2 * LEARNING_DAYS, 425, np.inf)  # ends of the parts of life in which false advisories are counted apart
 COUNTED = """What is counted. The first 60 days of every arm are for learning and left out. False advisories are those of healthy arms (N of
@@ -97,22 +57,6 @@ holds, P50 within 20 %, median of P50 over the truth. The judge's functions are 
 nobody counts revolutions."""
 
 
-class Episodes:
-    """First days and number of episodes of a condition over days, for joints or arms."""
-
-    def __init__(self, size: int) -> None:
-        self.first = np.full(size, np.inf)  # after learning
-        self.count = np.zeros(size, dtype=int)  # of episodes after learning
-        self._last = np.full(size, -np.inf)
-
-    def add(self, day: float, on: np.ndarray, learning: int) -> None:
-        """One more day; what was on while learning and never went off is no new episode."""
-        new = on & (day - self._last > CLEAR_DAYS) & (day >= learning)
-        self.first[new & np.isinf(self.first)] = day
-        self.count += new
-        self._last[on] = day
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdicts:
     """What was raised in a fleet of a world. Days are those of the fleet's life; infinite is never."""
@@ -126,8 +70,7 @@ class Verdicts:
     found_day: Array  # (A,) first tier of a joint that wears, on or after the onset
     before: np.ndarray  # (A,) it was raised already before the onset
     wrong: np.ndarray  # (A,) another joint's tier came between onset and detection
-    held: Array  # (A, 3) replays whose 90 % interval held the truth: of healthy joints, of worn ones, of these until the detection …
-    of: Array  # (A, 3) … of so many
+    coverage: Coverage
     lives: list[LifeAnswer]
     seconds: float
 
@@ -138,7 +81,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
     rising, falling, common, payload, no_payload = Episodes(A * J), Episodes(A * J), Episodes(A), Episodes(A), Episodes(A)
     contradicted = np.zeros(A)  # replays in a row
     found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
-    held, of = np.zeros((A, 3)), np.zeros((A, 3))
+    coverage = Coverage(fleet, assess.drift)
     many = fleet.worn.sum(axis=1) >= 3
     previously, lives = np.zeros(A, dtype=bool), Lives(fleet, assess)
     for judged in judged_days(fleet, fleet.days, assess, count_use=False):
@@ -159,13 +102,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         previously = own
         lives.add(judged)
         if day >= LEARNING_DAYS:
-            T0 = judged.result.state.reference_temperature_c.reshape(A, J)
-            holds = interval_holds(fleet.log_torque_at(judged.number, T0).ravel(), judged.result.state, assess.drift).reshape(A, J)
-            worn = judged.now.worn > 0
-            for k, mask in enumerate((~worn, worn, worn & np.isinf(found)[:, None])):
-                counted = mask & judged.now.replayed[:, None]
-                held[:, k] += (holds & counted).sum(axis=1)
-                of[:, k] += counted.sum(axis=1)
+            coverage.add(judged, np.isinf(found)[:, None])
     return Verdicts(
         fleet=fleet,
         rising=rising,
@@ -176,8 +113,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
         found_day=found,
         before=before,
         wrong=wrong,
-        held=held,
-        of=of,
+        coverage=coverage,
         lives=lives.answers,
         seconds=time.process_time() - started,
     )
@@ -216,8 +152,8 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
             **rates,
         },
         "payload_told": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
-        "detection": [{**_detection(worn, k), "remaining_life": life_documents(worn.lives, k)} for k in range(len(world.wear))],
-        "interval_90": {"healthy": _covered(healthy, 0), "worn": _covered(worn, 1)},
+        "detection": [_detection(worn, k) for k in range(len(world.wear))],
+        "interval_90": {"healthy": healthy.coverage.share(0), "worn": worn.coverage.share(1)},
         "goal": {
             "false_advisories": world.goal.false,
             "median_days": dict(world.goal.within_days),
@@ -227,13 +163,6 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
         "processor_s": healthy.seconds + worn.seconds,
         "arm_days": fleet.arms * fleet.days + worn.fleet.arms * worn.fleet.days,
     }
-
-
-def _covered(verdicts: Verdicts, k: int, arms: np.ndarray | None = None) -> float | None:
-    """Share of the k-th kind of replays whose interval held the truth, of all arms or of some; None without any."""
-    here = slice(None) if arms is None else arms
-    of = float(verdicts.of[here, k].sum())
-    return float(verdicts.held[here, k].sum()) / of if of else None
 
 
 def _by_life(healthy: Verdicts) -> list[dict[str, Any]]:
@@ -266,9 +195,10 @@ def _detection(verdicts: Verdicts, k: int) -> dict[str, Any]:
         "raised_before": int(((fleet.group == k) & verdicts.before).sum()),
         **days_document(days),
         "within_30_days": share_document(Share(hits=int((days <= SOON_DAYS).sum()), of=n)),
-        "interval_90_undetected": _covered(verdicts, 2, fleet.group == k),
+        "interval_90_undetected": verdicts.coverage.share(2, fleet.group == k),
         "never": share_document(Share(hits=int((~found).sum()), of=n)),
         "right_joint": share_document(Share(hits=int((found & ~verdicts.wrong[here]).sum()), of=int(found.sum()))),
+        "remaining_life": life_documents([each for each in verdicts.lives if each.group == k]),
     }
 
 
