@@ -120,6 +120,7 @@ class Sentence:
 
 ANYTHING = Sentence(FREE, "{text}")
 SEVERAL = Sentence("several", "{reasons:each}")
+INTERNAL = Sentence("internal", "internal: {error}: {text}")  # a fault of this program
 ONE_JOINT, SEVERAL_JOINTS = Sentence("joint_by_number", "joint {joint}"), Sentence("joints_by_number", "joints {joints}")
 OF_NO_LANGUAGE = frozenset({FREE, SEVERAL.code})  # sentences without a word of their own: every language has them
 

@@ -7,6 +7,8 @@ from annotated_types import Interval
 
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 
+PLACE_RAD = 0.1  # width of a place along a joint: wear of a tooth or a ball is as narrow, and a replay passes it in many samples
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignalSettings:

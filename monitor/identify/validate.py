@@ -8,14 +8,13 @@ import numpy as np
 from monitor.errors import BadInput
 from monitor.identify.fit.fit import layout_of
 from monitor.identify.identification import Identification
-from monitor.identify.settings import IdentifySettings
+from monitor.identify.settings import PLACE_RAD, IdentifySettings
 from monitor.identify.signals.arm import joint_torque, motion_of
 from monitor.identify.signals.motion import Motion
 from monitor.model.regressor import regressor
 from monitor.model.robot import Robot
 from monitor.recording import Array, Mask, Recording
 
-PLACE_RAD = 0.1  # width of a place along a joint: wear of a tooth or a ball is as narrow, and a replay passes it in many samples
 LEAST_SAMPLES = 10  # at a place; fewer are chance
 
 

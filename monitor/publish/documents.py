@@ -27,7 +27,7 @@ Rows = list[Number] | list[list[Number]]
 class Document(BaseModel):
     """What is published: unknown fields come from a newer monitor, and are kept."""
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)  # a daemon never needs most of them
 
 
 class Code(Document):

@@ -21,7 +21,7 @@ Why = Annotated[str, Field(max_length=2000)]
 class Request(BaseModel):
     """What is asked: an unknown field is a mistake, and is named."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(defer_build=True, extra="forbid", frozen=True, strict=True)
 
 
 class AckRequest(Request):

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from monitor.config.schema import Configuration
 from monitor.errors import StoreUnavailable
@@ -14,11 +15,13 @@ from monitor.service.handlers import Handlers
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
 from monitor.service.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.live import LiveComparison
-from monitor.service.production import ProductionListener
 from monitor.service.publisher import Publisher
 from monitor.service.replay import Borrow, Monitor, Replay
 from monitor.service.shared_state import ReplayRequests, SharedState
 from monitor.store.store import Store
+
+if TYPE_CHECKING:
+    from monitor.service.production import ProductionListener
 
 log = logging.getLogger(__name__)
 
@@ -57,9 +60,7 @@ class Daemon:
         self.alerts = AlertChanges(self.state, self.publisher)
         self.monitor = Monitor(self.state, self.publisher, play=play, borrow=borrow, alive=alive)
         self.live = LiveComparison(self.state, self.publisher)
-        self.listener = (
-            ProductionListener(self.state, self.publisher, compute=compute_production) if configuration.production.listen else None
-        )
+        self.listener = _listener(self.state, self.publisher, compute_production) if configuration.production.listen else None
         self.duty = Duty(self.state, self.publisher)
         self.heard = ArmHeard(store, now)
         self.bus.answer(Handlers(self.state, self.alerts).by_key())
@@ -111,3 +112,9 @@ class Daemon:
         self.publisher.everything()
         for event in self._store.events.rows(unpublished=True):
             self.publisher.event(event)
+
+
+def _listener(state: SharedState, publisher: Publisher, compute: Compute) -> "ProductionListener":
+    from monitor.service.production import ProductionListener  # and with it what identifies
+
+    return ProductionListener(state, publisher, compute=compute)

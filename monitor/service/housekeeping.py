@@ -12,9 +12,9 @@ from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
 from monitor.service.left_arm import away
 from monitor.service.problems import Problems
-from monitor.service.production import PINNED
 from monitor.service.scheduler import too_little_room
 from monitor.store.backup import backups, lost, made_at_unix_s
+from monitor.store.history.production import PINNED
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)

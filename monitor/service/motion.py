@@ -31,7 +31,6 @@ from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
 from monitor.service.torque_basis import learnt_basis
 from monitor.store.backup import present
-from monitor.store.formats.recordings import write_recording
 from monitor.store.history.motions import UNKNOWN_END
 from monitor.store.store import Store
 
@@ -273,6 +272,8 @@ def progress_log(monotonic: Callable[[], float] = time.monotonic) -> Callable[[R
 
 def written_apart(compute: Compute, path: Path, recording: Recording) -> None:
     """Write a recording. Raises StoreError where the disk refuses."""
+    from monitor.store.formats.recordings import write_recording
+
     try:
         compute(write_recording, path, recording)
     except ComputingFailed as error:

@@ -4,9 +4,8 @@ import re
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import Any, ParamSpec
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
@@ -15,9 +14,7 @@ from monitor.store.store import Store
 from monitor.views.language.catalogue import language
 from monitor.views.web.content import Content
 from monitor.views.web.page_content import BusAccess, about_arm
-
-if TYPE_CHECKING:
-    from monitor.views.web.server import PageServer
+from monitor.views.web.server import PageServer
 
 P = ParamSpec("P")
 
@@ -26,15 +23,11 @@ _one = threading.Lock()  # answer at a time: each takes a process, and several w
 
 def page(
     configuration: Configuration, bus: BusAccess, store: Store, now: Callable[[], float] = time.time, compute: Compute = HERE
-) -> "AbstractContextManager[PageServer | None]":
-    """Serve the page while the context lasts; the context gives None where the configuration names no address.
+) -> PageServer:
+    """The server of the page, which serves while its context lasts.
 
     Raises BusError where the address is taken, BadInput where the token cannot be read.
     """
-    if not configuration.page.listen:
-        return nullcontext()
-    from monitor.views.web.server import PageServer  # its import takes 0.3 s, and many monitors have no page
-
     token = configuration.page.token(configuration.path.parent)
     content = Content(
         store,

@@ -14,7 +14,8 @@ from monitor.acquire.safety.inputs import ConditionResult
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
-from monitor.reason import Reason, Sentence
+from monitor.reason import Sentence
+from monitor.service.history.assess_and_store import misfit
 from monitor.service.node import node_conditions
 from monitor.store.archive.archive import Archive
 from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
@@ -23,7 +24,6 @@ from monitor.store.store import Store
 
 BEFORE_THIS_PROGRAM_UNIX_S = 1_767_225_600.0  # 2026-01-01: an earlier clock is wrong, and the preflight check says so
 RESTORES = "the next `joint-monitor run` restores"
-BEGIN_ANEW = "or begin a new history with another [store] directory"
 CONFIGURATION_RIGHT = Sentence("configuration_right", "{path} is right")
 OVERRIDDEN = Sentence("configuration_overridden", "the environment stands in for it: {keys}")
 FLEET_PRIOR = Sentence("fleet_prior", "joints begin with the prior of a fleet of {arms} {model} ({digest})")
@@ -35,15 +35,6 @@ NOT_WRITABLE = Sentence("history_not_writable", "{path}: cannot be written by th
 MISFIT = Sentence("history_misfit", "{path}: {why}")
 NO_BACKUP, NEWEST_BACKUP = Sentence("no_backup_yet", "no backup yet"), Sentence("newest_backup", "the newest backup is of {at}")
 SOUND = Sentence("history_sound", "sound, {windows} windows")
-OF_ANOTHER_MODEL = Sentence(
-    "history_of_another_model",
-    "it is of a {model}, robot.model is {robot}: every replay would be rejected; set robot.model back, " + BEGIN_ANEW,
-)
-AT_ANOTHER_SPEED = Sentence(
-    "history_at_another_speed",
-    "its friction refers to {its_rad_s:g} rad/s, drift.reference_speed_rad_s is {speed_rad_s:g}: every replay would be rejected; "
-    "set it back to {its_rad_s:g}, " + BEGIN_ANEW,
-)
 FREE = Sentence("disk_free", "{free_mb:.0f} MB are free in {folder}; replays want {least_mb:.0f} MB")
 ARCHIVE_WAITS = Sentence("archive_waits", "{why}; recordings wait here until then, and replays go on")
 ARCHIVE_ANSWERS = Sentence("archive_answers", "{address} answers")
@@ -116,16 +107,6 @@ def _history(configuration: Configuration) -> ConditionResult:
     newest = next(iter(backups(directory)), None)
     backup = NO_BACKUP() if newest is None else NEWEST_BACKUP(at=rfc3339(made_at_unix_s(newest)))
     return ConditionResult(name="history", holds=True, reason=AND_THEN(first=SOUND(windows=rows), then=backup))
-
-
-def misfit(configuration: Configuration, model: str | None, speed_rad_s: float | None) -> Reason | None:
-    """Why a history of this model and reference speed cannot be continued with this configuration; None where it can."""
-    robot, speed = configuration.robot_description.name, configuration.assess.drift.reference_speed_rad_s
-    if model is not None and model != robot:
-        return OF_ANOTHER_MODEL(model=model, robot=robot)
-    if speed_rad_s is not None and speed_rad_s != speed:
-        return AT_ANOTHER_SPEED(its_rad_s=speed_rad_s, speed_rad_s=speed)
-    return None
 
 
 def _disk(configuration: Configuration) -> ConditionResult:

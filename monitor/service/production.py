@@ -38,7 +38,7 @@ from monitor.service.history.assess_and_store import EstimatorState, made_with
 from monitor.service.publisher import Publisher
 from monitor.service.shared_state import SharedState
 from monitor.store.formats.recordings import read_recording
-from monitor.store.history.production import DayOfProduction
+from monitor.store.history.production import PINNED, DayOfProduction
 
 
 class ReplayInputs(NamedTuple):
@@ -131,7 +131,6 @@ LONGEST_GAP_S = 5.0  # between two rows of one block
 BLOCKS = 5  # that may wait for the thread; an older one is left out and counted
 KEEP_EVERY_S = 300.0  # between two writes of the sums
 PAUSE_S = 1.0  # the thread looks at the clock so often
-PINNED = "production_arm"  # name of the note with the replay whose model frees work from the arm's weight and inertia
 
 
 class Pinned(NamedTuple):

@@ -8,12 +8,11 @@ import socket
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from monitor import __version__
 from monitor.config.schema import Configuration
 from monitor.judge.alerts.health import Alert, alert_document
-from monitor.judge.assessment import JointFriction
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple
 from monitor.publish import documents
@@ -28,6 +27,9 @@ from monitor.service.history.needed import from_production_document, need_docume
 from monitor.service.shared_state import SharedState
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.ledger import LedgerRow
+
+if TYPE_CHECKING:
+    from monitor.judge.assessment import JointFriction
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux makes another identifier at every boot of the host, proc(5)
 PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # their versions decide what is on the wire and in the figures
@@ -133,7 +135,7 @@ class Publisher:
         for alert in self._state.alerts.alerts:
             self.alert(alert)
 
-    def friction(self, joint: JointFriction) -> None:
+    def friction(self, joint: "JointFriction") -> None:
         """Publish one joint after one replay."""
         self.say(made(documents.Friction, joint))
 

@@ -12,9 +12,8 @@ from monitor.acquire.schedule.needed import Need
 from monitor.config.schema import Configuration
 from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.states import stale_joints
-from monitor.judge.assess import Rejected
 from monitor.model.fourier import Excitation
-from monitor.reason import Reason, Sentence
+from monitor.reason import INTERNAL, Reason, Sentence
 from monitor.recording import Context, Recording
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.assess_and_store import (
@@ -28,17 +27,14 @@ from monitor.service.history.assess_and_store import (
 )
 from monitor.service.history.maintenance import maintenance_document
 from monitor.service.history.needed import needed
-from monitor.service.history.recompute import roll_back
 from monitor.service.lending import BorrowedWindow, DueReplay, program_of
 from monitor.service.publisher import Publisher
 from monitor.service.shared_state import SharedState
-from monitor.store.formats.recordings import write_recording
 from monitor.store.history.ledger import LedgerRow
 
 log = logging.getLogger(__name__)
 
 ASSESSMENTS = 3  # tries to assess one recording, where the process that computes dies
-INTERNAL = Sentence("internal", "internal: {error}: {text}")
 UNREACHABLE = Sentence("unreachable", "{why}")
 NEXT_REFUSED = Sentence("next_try_refused", "{earlier}; the next try was refused: {why}")
 NEXT_UNREACHABLE = Sentence("next_try_unreachable", "{earlier}; the next try did not reach the arm: {why}")
@@ -183,6 +179,8 @@ class Monitor:
 
     def roll_back(self) -> bool:
         """Take back what was learned from replays dated in the future; False where the recordings that this needs are gone."""
+        from monitor.service.history.recompute import roll_back  # and with it all that judges
+
         with self._state.replaying, self._state.revising:
             try:
                 known = roll_back(self._store, self._now(), self._state.compute)
@@ -256,11 +254,13 @@ class Monitor:
         with self._state.revising:
             inputs = inputs_of(self.configuration, self._state.estimator)
             with closing(self._state.compute.steps(keep_and_judge, path, recording, inputs)) as steps:
-                outcome: Verdict | Rejected | None = None
+                outcome: Verdict | Reason | None = None
                 try:
                     try:
                         next(steps)
                     except ComputingFailed as error:
+                        from monitor.store.formats.recordings import write_recording
+
                         log.warning("replay=%d is written here: %s", ledger_id, error)
                         write_recording(path, recording)  # nothing of a replay is lost
                 except StoreError as error:
@@ -332,24 +332,24 @@ class Monitor:
         with self._state.revising:
             path, inputs = self._store.recordings.path(ledger_id), inputs_of(self.configuration, self._state.estimator)
             try:
-                outcome: Verdict | Rejected | None = self._state.compute(judged, path, inputs)
+                outcome: Verdict | Reason | None = self._state.compute(judged, path, inputs)
             except ComputingFailed as error:
                 outcome = self._later(ledger_id, error)
             entry = self._taken(ledger_id, outcome)
         if entry is not None:
             self._publish(*entry)
 
-    def _later(self, ledger_id: int, error: ComputingFailed) -> Rejected | None:
+    def _later(self, ledger_id: int, error: ComputingFailed) -> Reason | None:
         """None: the recording waits for another try. After several it is rejected, so that later replays are learnt from."""
         self._failed[ledger_id] = failed = self._failed.get(ledger_id, 0) + 1
         log.warning("replay=%d is not assessed yet: %s", ledger_id, error, extra={"replay": ledger_id})
         if failed >= ASSESSMENTS:
-            return Rejected(str(NOT_ASSESSED(tries=failed, why=error.reason)))
+            return NOT_ASSESSED(tries=failed, why=error.reason)
         self._retry_at = time.monotonic() + failed * RETRY_S
         self.unassessed = WAITS_FOR_ASSESSMENT(replay=ledger_id, why=error.reason)
         return None
 
-    def _taken(self, ledger_id: int, outcome: Verdict | Rejected | None) -> tuple[Verdict, HistoryEntry, bool] | None:
+    def _taken(self, ledger_id: int, outcome: Verdict | Reason | None) -> tuple[Verdict, HistoryEntry, bool] | None:
         """Commit an outcome and take the state after it; the verdict, its entry, and whether it is another arm's or firmware's.
 
         None where nothing was learnt. The caller holds `revising`.
@@ -359,7 +359,7 @@ class Monitor:
         entry = enter(self._store, self.configuration, ledger_id, outcome, self._now)
         self._failed.pop(ledger_id, None)
         self.unassessed, self._retry_at = None, 0.0
-        if isinstance(outcome, Rejected):
+        if isinstance(outcome, Reason):
             return None
         belief = self._state.estimator.belief
         known, context = belief.context if belief else None, outcome.belief.context

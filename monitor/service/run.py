@@ -21,14 +21,13 @@ from monitor.reason import Sentence
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Apart
 from monitor.service.daemon import Daemon
+from monitor.service.history.assess_and_store import misfit
 from monitor.service.housekeeping import Housekeeping
 from monitor.service.lending import BorrowedWindow
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
 from monitor.service.motion import move, permit_by, progress_log
 from monitor.service.node import NodeServer
-from monitor.service.page import page
-from monitor.service.preflight import misfit
 from monitor.service.problems import Problems
 from monitor.service.replay import Replay
 from monitor.service.scheduler import Clocks, Scheduler
@@ -106,7 +105,10 @@ def serve(
             from monitor.publish.metrics import MetricsServer, families  # and with it a client of Prometheus and an HTTP server
 
             stack.enter_context(MetricsServer(configuration.metrics, lambda: families(daemon.bus.last_values())))
-        stack.enter_context(page(configuration, daemon.bus, store, clocks.now, HERE if trial else Apart()))
+        if configuration.page.listen:
+            from monitor.service.page import page  # and with it a web server
+
+            stack.enter_context(page(configuration, daemon.bus, store, clocks.now, HERE if trial else Apart()))
         lent = configuration.replay.lent
         if lent is not None and lent.serves:
             stack.enter_context(NodeServer(lent, configuration.robot.host, store.directory, problems, driver=configuration.driver))

@@ -19,7 +19,6 @@ from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.lending import DueReplay
 from monitor.service.production_motion import ProductionMotion
-from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 
@@ -161,4 +160,6 @@ class SharedState:
 
 
 def _sample_var_of(path: Path, model: CompensatedModel, robot: Robot, gains: Array | None) -> Array | None:
+    from monitor.store.formats.recordings import read_recording
+
     return sample_var(model, robot, gains, read_recording(path))

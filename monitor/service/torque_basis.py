@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.acquire.safety.torque_band import learn_profile
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
@@ -14,7 +13,6 @@ from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.fourier import Excitation
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Compute, ComputingFailed
-from monitor.store.formats.recordings import read_recording
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -56,6 +54,8 @@ def torque_basis(
 
     The model and the profile hold for the load of the latest assessed replay; with another load there are neither.
     """
+    from monitor.acquire.safety.torque_band import learn_profile
+
     robot, installation = configuration.robot_description, configuration.installation
     earlier = _accepted(store)
     if not earlier or installation.drive_gains(robot) is None or not _same_load(earlier[0].context, context):
@@ -81,6 +81,8 @@ def _shortened(recordings: list[Recording]) -> list[Recording]:
 
 def _accepted(store: Store) -> list[Recording]:
     """The latest assessed recordings, newest first; unreadable and pruned ones are left out."""
+    from monitor.store.formats.recordings import read_recording
+
     found = []
     for row in reversed(store.ledger.rows(limit=LOOK_BACK, states=("assessed",))):
         path = store.recordings.path(row.id)

@@ -18,12 +18,11 @@ from monitor.reason import Sentence
 from monitor.store.archive.archived import Archived, Retention
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
-from monitor.store.formats.recordings import RecordingFolder
 from monitor.store.history.assessments import Assessments
 from monitor.store.history.database import Database, Notes, begin_history, version_of
 from monitor.store.history.duties import Duties
 from monitor.store.history.events import Changes, Events
-from monitor.store.history.ledger import Borrows, Ledger
+from monitor.store.history.ledger import Borrows, Ledger, RecordingFolder
 from monitor.store.history.maintenance import MaintenanceLog
 from monitor.store.history.motions import HISTORY_RESTORED, FirstPasses, Motions, Stops
 from monitor.store.history.production import ProductionLog

@@ -204,7 +204,7 @@ def test_a_disk_that_refuses_the_recording_ends_the_window(daemon, monkeypatch):
     def refuses(*_: object) -> None:
         raise StoreUnavailable("replay-000001.parquet: no space is left")
 
-    monkeypatch.setattr("monitor.service.history.assess_and_store.write_recording", refuses)
+    monkeypatch.setattr("monitor.store.formats.recordings.write_recording", refuses)
     row = daemon(HERE).monitor.perform(NOON)
     assert (row.state, row.reason_text) == ("aborted", "replay-000001.parquet: no space is left")
 

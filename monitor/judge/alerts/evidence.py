@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from monitor.identify.validate import PLACE_RAD
+from monitor.identify.settings import PLACE_RAD
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.belief import Belief
 from monitor.judge.drift.channels import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState

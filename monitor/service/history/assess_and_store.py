@@ -1,6 +1,7 @@
 """Assess a recording with the estimator's present state, and commit the result with everything that follows from it.
 
-The daemon and `import` both use these functions, and the recomputation repeats them: it recomputes what was run.
+The daemon and `import` both use these functions, and the recomputation repeats them: it recomputes what was run. What only a verdict needs
+is imported where it is made: in the daemon, a process of its own.
 """
 
 import hashlib
@@ -9,13 +10,11 @@ import logging
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert, Health, Transition, alert_document, alert_from_document, health_from_document
-from monitor.judge.assess import Rejected, assess
-from monitor.judge.assessment import Assessment, JointFriction
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
@@ -23,15 +22,29 @@ from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.torque import sample_var
+from monitor.reason import INTERNAL, Reason, Sentence, reason_of
 from monitor.recording import Array, Recording
 from monitor.service.computing import HERE, Compute
-from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.history.events import AlertEvent
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
 
+if TYPE_CHECKING:
+    from monitor.judge.assess import Rejected
+    from monitor.judge.assessment import Assessment, JointFriction
+
 log = logging.getLogger(__name__)
 
+BEGIN_ANEW = "or begin a new history with another [store] directory"
+OF_ANOTHER_MODEL = Sentence(
+    "history_of_another_model",
+    "it is of a {model}, robot.model is {robot}: every replay would be rejected; set robot.model back, " + BEGIN_ANEW,
+)
+AT_ANOTHER_SPEED = Sentence(
+    "history_at_another_speed",
+    "its friction refers to {its_rad_s:g} rad/s, drift.reference_speed_rad_s is {speed_rad_s:g}: every replay would be rejected; "
+    "set it back to {its_rad_s:g}, " + BEGIN_ANEW,
+)
 NOT_IDENTIFIED = frozenset({"endless"})  # came later: with it the digests of stored verdicts would all differ
 
 
@@ -50,7 +63,7 @@ class Verdict:
 
     recorded_at_unix_s: float
     document: dict[str, Any]  # of the assessment
-    friction: tuple[JointFriction, ...]
+    friction: "tuple[JointFriction, ...]"
     temperature_c: Array | None  # (J,) of the joints during the replay
     belief: Belief
     health: Health
@@ -73,7 +86,7 @@ class Inputs(NamedTuple):
 class HistoryEntry(NamedTuple):
     """The outcome of one recording, as it entered the history."""
 
-    outcome: Verdict | Rejected
+    outcome: Verdict | Reason  # why nothing is learnt from it
     events: list[AlertEvent]
 
 
@@ -86,6 +99,16 @@ def load_state(store: Store) -> EstimatorState:
     return EstimatorState(
         belief=belief_from_document(state.belief), health=health_from_document(state.health), model=model_from_document(state.model)
     )
+
+
+def misfit(configuration: Configuration, model: str | None, speed_rad_s: float | None) -> Reason | None:
+    """Why a history of this model and reference speed cannot be continued with this configuration; None where it can."""
+    robot, speed = configuration.robot_description.name, configuration.assess.drift.reference_speed_rad_s
+    if model is not None and model != robot:
+        return OF_ANOTHER_MODEL(model=model, robot=robot)
+    if speed_rad_s is not None and speed_rad_s != speed:
+        return AT_ANOTHER_SPEED(its_rad_s=speed_rad_s, speed_rad_s=speed)
+    return None
 
 
 def early_alerts(store: Store) -> tuple[Alert, ...]:
@@ -130,32 +153,39 @@ def assess_stored(
     return enter(store, configuration, ledger_id, outcome, now)
 
 
-def keep_and_judge(path: Path, recording: Recording, inputs: Inputs) -> Generator[Verdict | Rejected | None, None, None]:
+def keep_and_judge(path: Path, recording: Recording, inputs: Inputs) -> Generator[Verdict | Reason | None, None, None]:
     """Write a recording, and judge what was written: None once it is on disk, then its verdict.
 
     What was written and not what was measured is judged, so that a recomputation sees the very same. Raises StoreError where the disk
     refuses.
     """
+    from monitor.store.formats.recordings import write_recording
+
     write_recording(path, recording)
     yield None
     yield judged(path, inputs)
 
 
-def judged(path: Path, inputs: Inputs) -> Verdict | Rejected:
-    """The verdict of a recording on disk."""
+def judged(path: Path, inputs: Inputs) -> Verdict | Reason:
+    """The verdict of a recording on disk, or why there is none."""
+    from monitor.judge.assess import Rejected
+    from monitor.store.formats.recordings import read_recording
+
     try:
         recording = read_recording(path)
         assessment = assessed(recording, inputs)
-        return assessment if isinstance(assessment, Rejected) else _verdict(assessment, recording, inputs)
+        return reason_of(assessment.reason) if isinstance(assessment, Rejected) else _verdict(assessment, recording, inputs)
     except BadInput as error:
-        return Rejected(str(error))
+        return error.reason
     except Exception as error:  # an error of this program in one recording must not end the service, now and at every start
         log.exception("%s cannot be assessed", path.name)
-        return Rejected(f"internal: {type(error).__name__}: {error}")
+        return INTERNAL(error=type(error).__name__, text=str(error))
 
 
-def assessed(recording: Recording, inputs: Inputs) -> Assessment | Rejected:
+def assessed(recording: Recording, inputs: Inputs) -> "Assessment | Rejected":
     """The assessment of a recording. Raises BadInput where it does not fit the arm."""
+    from monitor.judge.assess import assess
+
     return assess(
         recording,
         robot=inputs.robot,
@@ -168,7 +198,7 @@ def assessed(recording: Recording, inputs: Inputs) -> Assessment | Rejected:
     )
 
 
-def _verdict(assessment: Assessment, recording: Recording, inputs: Inputs) -> Verdict:
+def _verdict(assessment: "Assessment", recording: Recording, inputs: Inputs) -> Verdict:
     return Verdict(
         recorded_at_unix_s=assessment.recorded_at_unix_s,
         document=assessment.as_document(),
@@ -183,12 +213,10 @@ def _verdict(assessment: Assessment, recording: Recording, inputs: Inputs) -> Ve
     )
 
 
-def enter(
-    store: Store, configuration: Configuration, ledger_id: int, outcome: Verdict | Rejected, now: Callable[[], float]
-) -> HistoryEntry:
+def enter(store: Store, configuration: Configuration, ledger_id: int, outcome: Verdict | Reason, now: Callable[[], float]) -> HistoryEntry:
     """Commit a verdict with everything that follows from it, or the reason why there is none. Raises StoreError."""
-    if isinstance(outcome, Rejected):
-        store.ledger.end(ledger_id, "rejected", outcome.reason, now())
+    if isinstance(outcome, Reason):
+        store.ledger.end(ledger_id, "rejected", outcome, now())
         return HistoryEntry(outcome, [])
     events = store.assessments.commit(
         ledger_id,
@@ -208,6 +236,8 @@ def enter(
 
 def adopt_orphans(store: Store, at_unix_s: float) -> int:
     """Enter the recordings that the ledger does not hold, as after a restored backup; they wait for their assessment. Returns how many."""
+    from monitor.store.formats.recordings import read_recording
+
     adopted = 0
     for ledger_id, path in store.ledger.orphans():
         try:
@@ -223,4 +253,4 @@ def adopt_orphans(store: Store, at_unix_s: float) -> int:
 def state_after(before: EstimatorState, entered: HistoryEntry) -> EstimatorState:
     """The estimator's state after this recording; a rejected one leaves it unchanged."""
     outcome = entered.outcome
-    return before if isinstance(outcome, Rejected) else EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)
+    return before if isinstance(outcome, Reason) else EstimatorState(belief=outcome.belief, health=outcome.health, model=outcome.model)

@@ -24,7 +24,6 @@ from monitor.recording import DAY_S
 from monitor.service.computing import HERE, Compute
 from monitor.service.history.assess_and_store import EstimatorState, load_state
 from monitor.service.history.inspection import declared_time
-from monitor.service.history.recompute import repeated_since
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.maintenance import MaintenanceRow
 from monitor.store.store import Store
@@ -76,6 +75,8 @@ def undo_maintenance(
     Replays since then are judged once more from their recordings. Raises BadInput where there is none, a later one stands before it, or a
     recording that this needs is gone.
     """
+    from monitor.service.history.recompute import repeated_since  # and with it all that judges
+
     if state.belief is None or state.health is None:
         raise BadInput("serviced: no replay has been assessed yet")
     _known_joint(request.joint, state.belief.joints)

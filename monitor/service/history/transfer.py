@@ -11,8 +11,8 @@ import pandas as pd
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput, StoreError
 from monitor.identify.signals.same_motion import with_motions
-from monitor.judge.assess import Rejected
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import Reason
 from monitor.recording import Recording
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.store.formats.columns import named_columns
@@ -159,8 +159,8 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
         store.ledger.mark_recorded(ledger_id)
         entered = assess_stored(store, configuration, known, ledger_id, time.time)
         known = state_after(known, entered)
-        if isinstance(entered.outcome, Rejected):
-            result["rejected"].append({"file": recording.source, "reason": entered.outcome.reason})
+        if isinstance(entered.outcome, Reason):
+            result["rejected"].append({"file": recording.source, "reason": entered.outcome.text})
         else:
             result["assessed"] += 1
     return result

@@ -15,9 +15,8 @@ from monitor.errors import ArchiveConflict, StoreError
 from monitor.recording import DAY_S
 from monitor.store.archive.archive import DIGITS, Archive, ArchivedRecording, Copy, RecordingCache, key_of, split_address
 from monitor.store.archive.places import ArchiveSettings
-from monitor.store.formats.recordings import RecordingFolder, recorded_at_unix_s
 from monitor.store.history.database import Database, Notes
-from monitor.store.history.ledger import Ledger
+from monitor.store.history.ledger import Ledger, RecordingFolder
 
 PLACE = "archive"  # name of the note with the archive's settings: whoever has the history finds its recordings
 LEAST_KEPT = 10  # recordings that stay whatever the limits: a person who searches for a cause needs some
@@ -220,6 +219,8 @@ def bring(
 
     Raises ArchiveUnavailable, ArchiveRefused, and StoreError where a local file cannot be read.
     """
+    from monitor.store.formats.recordings import recorded_at_unix_s  # only a process that brings reads recordings
+
     archive = Archive.open(settings)
     for each in waiting:
         try:

@@ -100,31 +100,6 @@ def recorded_at_unix_s(content: bytes) -> float | None:
         return None
 
 
-class RecordingFolder:
-    """The files of one history's recordings. Each name holds the id of its window in the ledger."""
-
-    def __init__(self, directory: Path) -> None:
-        self.directory = directory
-
-    def path(self, ledger_id: int) -> Path:
-        """Where the recording of a window belongs."""
-        return self.directory / f"replay-{ledger_id:06d}.parquet"
-
-    def first_pass_path(self, ledger_id: int) -> Path:
-        """Where the recording of a window's first pass belongs."""
-        return self.directory / f"replay-{ledger_id:06d}-first-pass.parquet"
-
-    def numbered(self) -> list[tuple[int, Path]]:
-        """All recordings on disk with the ids of their windows, ascending; first passes are left out."""
-        found = self.directory.glob("replay-" + "[0-9]" * 6 + ".parquet")
-        return sorted((int(path.stem.removeprefix("replay-")), path) for path in found)
-
-    def remove_temporary(self) -> None:
-        """Remove what a crash left of recordings that were being written."""
-        for leftover in self.directory.glob(".*.tmp*"):
-            leftover.unlink()  # it was never renamed, so nothing relies on it
-
-
 def _table(recording: Recording) -> "pa.Table":
     import pyarrow as pa
 

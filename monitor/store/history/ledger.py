@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from monitor.reason import Reason, Sentence, reason_from
-from monitor.store.formats.recordings import RecordingFolder
 from monitor.store.history.database import Database, reason_column, stored_reason
 from monitor.store.history.motions import insert_stop
 
@@ -16,6 +15,31 @@ _COLUMNS = ", ".join(_KEYS)
 
 ENDED_DURING = Sentence("monitor_ended", "the monitor ended during this replay")
 FOUND = Sentence("found_on_disk", "found on disk after the history was restored")
+
+
+class RecordingFolder:
+    """The files of one history's recordings. Each name holds the id of its window in the ledger."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def path(self, ledger_id: int) -> Path:
+        """Where the recording of a window belongs."""
+        return self.directory / f"replay-{ledger_id:06d}.parquet"
+
+    def first_pass_path(self, ledger_id: int) -> Path:
+        """Where the recording of a window's first pass belongs."""
+        return self.directory / f"replay-{ledger_id:06d}-first-pass.parquet"
+
+    def numbered(self) -> list[tuple[int, Path]]:
+        """All recordings on disk with the ids of their windows, ascending; first passes are left out."""
+        found = self.directory.glob("replay-" + "[0-9]" * 6 + ".parquet")
+        return sorted((int(path.stem.removeprefix("replay-")), path) for path in found)
+
+    def remove_temporary(self) -> None:
+        """Remove what a crash left of recordings that were being written."""
+        for leftover in self.directory.glob(".*.tmp*"):
+            leftover.unlink()  # it was never renamed, so nothing relies on it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

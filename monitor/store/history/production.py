@@ -13,6 +13,8 @@ from monitor.store.history.events import AlertEvent, insert_events
 
 _KEYS = ("day", "at_unix_s", "document", "context", "learnt", "made_with")
 
+PINNED = "production_arm"  # name of the note with the replay whose model frees production from the arm's weight and inertia
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DayOfProduction:

@@ -33,7 +33,8 @@ from monitor.recording import Array, Context, Recording
 from monitor.service.history.assess_and_store import robot_digest
 from monitor.service.history.recompute import settings_from_document
 from monitor.store.archive.places import ArchiveSettings, open_place
-from monitor.store.formats.recordings import RecordingFolder, recording_of
+from monitor.store.formats.recordings import recording_of
+from monitor.store.history.ledger import RecordingFolder
 from monitor.store.provenance import provenance
 from monitor.studies.reassess.plan import Files, Month, ReadAhead, Stored
 
