@@ -148,10 +148,10 @@ def step(state: DriftState, replay: Replay, drift: DriftSettings, temperature: T
 
     >>> import numpy as np
     >>> from monitor.judge.alerts.evidence import nothing_counted, wear_of_state, weigh_evidence
-    >>> from monitor.judge.alerts.health import HealthSettings
     >>> from monitor.judge.drift.observation import Observation
     >>> from monitor.judge.drift.settings import DriftSettings
     >>> from monitor.judge.drift.step import Replay, initial_state, step
+    >>> from monitor.judge.settings import HealthSettings
     >>> from monitor.judge.temperature.laws import TemperatureSettings
     >>> drift, temperature, health = DriftSettings(), TemperatureSettings(), HealthSettings()
     >>> A, J = 3, 6
