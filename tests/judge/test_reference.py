@@ -81,6 +81,7 @@ def test_a_common_step_is_told_once_of_the_arm_and_blames_no_joint():
     assert lived.rises[150:, :, 4].any(axis=0).sum() >= 7
 
 
+@pytest.mark.soak
 def test_two_joints_that_wear_are_both_told():
     """Two of six joints with 10 % at the same replay are no common change."""
     lived = Lived(8, 110, lambda day: (of_joint(0, 0.1) + of_joint(3, 0.1)) * (day >= 90), seed=3)

@@ -52,7 +52,7 @@ def lived(log_torque: Array, temperature_c: Array | None = None, unknown: np.nda
     return wear, std, raised
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_shock_of_three_days_makes_no_more_wear_than_was_seen() -> None:
     """Joints 1, 3 and 5 of 20 arms are 15 % up for three days: wear is never told above 25 %, nor with more than ± 6 %."""
     y = noise(3, 112, 20, rho=0.5)
