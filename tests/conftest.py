@@ -55,6 +55,11 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+def pytest_sessionfinish() -> None:
+    """At the end everything is: libraries complain of what is left."""
+    gc.unfreeze()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """A worker that does other work gives way to an arm in real time; those come first, because nobody may rise again."""
     prepared.real_time = item.get_closest_marker("real_time") is not None
