@@ -222,7 +222,7 @@ class LifeAnswer(NamedTuple):
     @property
     def near(self) -> bool:
         """Whether P50 was within ALPHA of the truth."""
-        return abs(self.ratio - 1.0) <= ALPHA
+        return bool(abs(self.ratio - 1.0) <= ALPHA)
 
 
 def life_documents(answers: Sequence[LifeAnswer]) -> list[dict[str, Any]]:
@@ -315,7 +315,7 @@ def answers_of(
             left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             n = arm * state.joints_per_arm + int(joint[arm])
             predicted = remaining_life_of_joint(state, n, assess.drift, assess.prognosis)
-            answers.append(LifeAnswer(path, asked_at[k], predicted, left / float(state.usage.per_day[n])))
+            answers.append(LifeAnswer(path, asked_at[k], predicted, float(left / state.usage.per_day[n])))
 
     days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
     play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
