@@ -334,7 +334,9 @@ def test_torque_outside_the_band_ends_a_first_pass_and_waits_for_a_person(remote
     assert not found["previous_stop"]["holds"]
 
 
-@pytest.mark.parametrize("numbers", [(signal.SIGHUP,), (signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)])
+@pytest.mark.parametrize(
+    "numbers", [(signal.SIGTERM, signal.SIGTERM, signal.SIGINT, signal.SIGHUP), pytest.param((signal.SIGHUP,), marks=pytest.mark.soak)]
+)
 def test_a_signal_in_the_middle_of_a_replay_stops_the_arm_along_its_way(remote, config, numbers):
     """So do a closed terminal and several signals at once: the program ends by itself; neither the watchdog nor a kill is needed."""
     path = config(approach_speed_rad_s=1.0)

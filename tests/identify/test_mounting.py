@@ -124,7 +124,13 @@ def test_too_few_samples_give_no_warning():
     assert mounting_check([short], [known.torque[:80]], UR5, Mounting.parse("wall")) is None
 
 
-@pytest.mark.parametrize("name", ["12-50sec_12harm", "10-30sec_12harm", "19_14harm50sec", "19_14harm50secLoad"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "19_14harm50secLoad",
+        *(pytest.param(name, marks=pytest.mark.soak) for name in ("12-50sec_12harm", "10-30sec_12harm", "19_14harm50sec")),
+    ],
+)
 @pytest.mark.slow
 def test_the_real_ur10e_stands_on_the_ground(real_data, name):
     """Four recordings, one with a payload: up within half a degree of the base's z, and a wall or a ceiling is contradicted."""

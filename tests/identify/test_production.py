@@ -242,7 +242,7 @@ def test_a_declared_load_whose_centre_nobody_knows_is_less_sure_and_right():
 
 
 @pytest.mark.parametrize("declared", [None, (0.0,) * 6])
-@pytest.mark.parametrize("rate_hz", [10.0, 125.0])
+@pytest.mark.parametrize("rate_hz", [10.0, pytest.param(125.0, marks=pytest.mark.soak)])
 @pytest.mark.slow
 def test_an_undeclared_kilogram_is_left_out(declared, rate_hz):
     """Whether the controller reports its payload or not, in half of the moves or in all: what counts is right."""

@@ -44,7 +44,7 @@ def test_a_tool_that_drags_where_one_joint_moves_alone_is_no_friction_of_that_jo
     assert not (np.abs(found.z) > FALSE_SHIFT).any()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_another_tool_that_nobody_declared_is_left_out_as_a_whole(folder):
     """It is 1 kg heavier than the tool of the replay, at all times."""
     found = listened(folder, ProductionSettings(cell="pick-and-place", hours=10.0 / 3600.0), disturb=heavier)

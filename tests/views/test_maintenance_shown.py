@@ -30,7 +30,7 @@ def test_production_is_a_mark_on_the_chart_of_its_joint_and_says_whether_frictio
 def test_a_transition_that_production_made_says_what_was_done():
     """Another transition says nothing of work, also where the alert had work before."""
     assert mark_text({"kind": "serviced", "serviced_kind": "greased"}) == "greased"
-    assert mark_text({"kind": "cleared", "serviced_kind": "replaced", "reasons": {"cleared_why": SERVICED(work="").coded()}}) == "replaced"
+    assert mark_text({"kind": "cleared", "serviced_kind": "replaced", "reasons": {"cleared_why": SERVICED(act="").coded()}}) == "replaced"
     assert mark_text({"kind": "updated", "serviced_kind": "greased"}) is None
     assert mark_text({"kind": "raised"}) is None
 
