@@ -200,7 +200,7 @@ def test_a_replay_is_learnt_once_and_in_time_order():
             Arm().replay(30.0), replace(CONTEXT, recorded_at_unix_s=at), belief=first.belief, health=first.health
         )
         assert isinstance(outcome, Rejected)
-        assert says in outcome.reason
+        assert says in outcome.reason.text
 
 
 def test_another_arms_belief_is_refused():
@@ -227,7 +227,7 @@ def test_a_recording_without_motion_is_rejected_with_its_reason():
     )
     outcome = assess(still, robot=load_robot("ur5"), mounting=Mounting(), belief=None, health=None)
     assert isinstance(outcome, Rejected)
-    assert outcome.reason
+    assert outcome.reason.text
 
 
 @pytest.fixture(scope="module")
@@ -294,5 +294,5 @@ def test_a_replay_that_was_disturbed_is_stored_and_not_learnt_from(quality, word
     )
     outcome = assess(recording, robot=load_robot("ur5"), mounting=Mounting(), belief=None, health=None)
     assert isinstance(outcome, Rejected)
-    assert "not to be trusted" in outcome.reason
-    assert words in outcome.reason
+    assert "not to be trusted" in outcome.reason.text
+    assert words in outcome.reason.text

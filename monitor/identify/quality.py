@@ -4,10 +4,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from monitor.identify.settings import QualitySettings
+from monitor.reason import Reason, Sentence
+
+TICKS_MISSING = Sentence("ticks_missing", "{percent:.1f} % of the ticks are missing from the recording; at most {most_percent:g} %")
+MANY_TARGETS_LATE = Sentence(
+    "many_targets_late", "{percent:.1f} % of the targets came late, which jerks the arm; at most {most_percent:g} %"
+)
+FELL_BEHIND = Sentence("motion_fell_behind", "the motion fell {behind_s:.2f} s behind its trajectory; at most {most_s:g} s")
+SLIDER_WENT_DOWN = Sentence("slider_went_down", "the speed slider went to {percent:.0f} %: it was another trajectory")
 
 
-def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualitySettings) -> str | None:
-    """The reason why a recording of N `samples` is not used, as a clause; None where it passes. quality : counts by name."""
+def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualitySettings) -> Reason | None:
+    """Why a recording of N `samples` is not used; None where it passes. quality : counts by name."""
 
     def known(name: str) -> float | None:
         value = quality.get(name)
@@ -15,12 +23,11 @@ def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualityS
 
     missed, late, slipped, scaling = (known(name) for name in ("missed_ticks", "late_share", "slipped_s", "min_speed_scaling"))
     if missed is not None and missed > settings.max_missed_share * (samples + missed):
-        share = 100.0 * missed / (samples + missed)
-        return f"{share:.1f} % of the ticks are missing from the recording; at most {100.0 * settings.max_missed_share:g} %"
+        return TICKS_MISSING(percent=100.0 * missed / (samples + missed), most_percent=100.0 * settings.max_missed_share)
     if late is not None and late > settings.max_late_share:
-        return f"{100.0 * late:.1f} % of the targets came late, which jerks the arm; at most {100.0 * settings.max_late_share:g} %"
+        return MANY_TARGETS_LATE(percent=100.0 * late, most_percent=100.0 * settings.max_late_share)
     if slipped is not None and slipped > settings.max_slipped_s:
-        return f"the motion fell {slipped:.2f} s behind its trajectory; at most {settings.max_slipped_s:g} s"
+        return FELL_BEHIND(behind_s=slipped, most_s=settings.max_slipped_s)
     if scaling is not None and scaling < settings.min_speed_scaling:
-        return f"the speed slider went to {100.0 * scaling:.0f} %: it was another trajectory"
+        return SLIDER_WENT_DOWN(percent=100.0 * scaling)
     return None

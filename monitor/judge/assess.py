@@ -21,13 +21,23 @@ from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.evaluation import measure_prediction_error
 from monitor.judge.torque.model import CompensatedModel, build_model
 from monitor.model.robot import Mounting, Robot
+from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Context, Recording
 
 
 class Rejected(NamedTuple):
     """A replay that must not be learned from. This is an ordinary outcome: it is stored and published with its reason."""
 
-    reason: str
+    reason: Reason
+
+
+NOT_TRUSTED = Sentence("recording_not_trusted", "the recording is not to be trusted: {why}")
+WITHOUT_TIME = Sentence(
+    "recording_without_time",
+    "the recording does not say when it was made (context.recorded_at_unix_s): replays are judged in time order",
+)
+LEARNT_LAST = Sentence("replay_learnt_last", "this replay is the one learnt last: replays are learnt once, in time order")
+OLDER = Sentence("replay_older", "this replay is {older_s:.0f} s older than the last: replays are learnt once, in time order")
 
 
 def assess(
@@ -57,7 +67,7 @@ def assess(
     try:
         identification = identified(recording, robot, mounting, gains, settings)
     except Unidentifiable as why:
-        return Rejected(str(why))
+        return Rejected(why.reason)
     if belief is not None and model is not None and _same_context(belief, recording.context):
         error = measure_prediction_error(recording, model, robot, gains)
         if error is not None:
@@ -73,7 +83,7 @@ def refusal(
     if refused:
         return refused
     why_not = quality_problem(quality, samples, settings)
-    return None if why_not is None else Rejected(f"the recording is not to be trusted: {why_not}")
+    return None if why_not is None else Rejected(NOT_TRUSTED(why=why_not))
 
 
 def identified(recording: Recording, robot: Robot, mounting: Mounting, gains: Array | None, settings: AssessSettings) -> Identification:
@@ -98,7 +108,7 @@ def judge_identification(
     at = context.recorded_at_unix_s
     refused = _refusal(at, belief)
     if refused or at is None:
-        return refused or Rejected("no time")
+        return refused or Rejected(WITHOUT_TIME())
     if belief is None:
         belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
     _belong_together(identification, belief, health, settings)
@@ -141,12 +151,10 @@ def _same_context(belief: Belief, context: Context) -> bool:
 def _refusal(at_unix_s: float | None, belief: Belief | None) -> Rejected | None:
     """Why a recording of this time must not be learned from; None where it may be."""
     if at_unix_s is None or not math.isfinite(at_unix_s):
-        return Rejected("the recording does not say when it was made (context.recorded_at_unix_s): replays are judged in time order")
+        return Rejected(WITHOUT_TIME())
     if belief is not None and belief.replays and at_unix_s <= belief.at_unix_s:
-        which = (
-            "is the one learnt last" if at_unix_s == belief.at_unix_s else f"is {belief.at_unix_s - at_unix_s:.0f} s older than the last"
-        )
-        return Rejected(f"this replay {which}: replays are learnt once, in time order")
+        older_s = belief.at_unix_s - at_unix_s
+        return Rejected(OLDER(older_s=older_s) if older_s > 0.0 else LEARNT_LAST())
     return None
 
 

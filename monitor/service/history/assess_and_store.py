@@ -22,7 +22,7 @@ from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.torque import sample_var
-from monitor.reason import INTERNAL, Reason, Sentence, reason_of
+from monitor.reason import INTERNAL, Reason, Sentence
 from monitor.recording import Array, Recording
 from monitor.service.computing import HERE, Compute
 from monitor.store.history.events import AlertEvent
@@ -174,7 +174,7 @@ def judged(path: Path, inputs: Inputs) -> Verdict | Reason:
     try:
         recording = read_recording(path)
         assessment = assessed(recording, inputs)
-        return reason_of(assessment.reason) if isinstance(assessment, Rejected) else _verdict(assessment, recording, inputs)
+        return assessment.reason if isinstance(assessment, Rejected) else _verdict(assessment, recording, inputs)
     except BadInput as error:
         return error.reason
     except Exception as error:  # an error of this program in one recording must not end the service, now and at every start

@@ -23,6 +23,7 @@ from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.identify.quality import quality_problem
 from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
+from monitor.reason import Reason
 from monitor.recording import Array, Context, Recording
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
@@ -193,7 +194,7 @@ class DemoReplay:
             try:
                 recording = live()
             except (MotionRefused, RobotUnreachable) as error:  # what does not answer in time is a simulator without processor time
-                reason: str | None = str(error)
+                reason: str | Reason | None = str(error)
             except ReplayAborted as error:
                 if error.needs_a_person and error.cause not in OF_LATE_TARGETS:
                     raise

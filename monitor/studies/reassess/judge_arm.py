@@ -20,6 +20,7 @@ from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.maintenance import begin_maintenance, with_new_joints
 from monitor.judge.settings import AssessSettings
+from monitor.reason import reason_of
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.recompute import Change, Tally, Unjudged, amended, judge_day, repeat
@@ -331,7 +332,7 @@ class _Judge:
         outcome: Assessment | Rejected | None = refusal(row.context, row.quality, row.samples, state.belief, settings.quality)
         try:
             if outcome is None and row.state == UNIDENTIFIABLE:
-                outcome = Rejected(row.reason)
+                outcome = Rejected(reason_of(row.reason))
             if outcome is None and row.state == REFUSED:
                 raise BadInput(row.reason)
             if outcome is None and row.identification is not None:
