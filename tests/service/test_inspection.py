@@ -410,19 +410,19 @@ def test_errors_come_over_the_primary_port_and_again_after_it_was_lost():
         controller.sendall(message[9:] + error(209, 0, 2))
         until(lambda: found == [("C153A4", 5), ("C209A0", None)])
         controller.close()
-        until(lambda: link._socket is None)
+        until(lambda: link._link is None)
         link._next_try_at = 0.0
         link.poll()
         controller, _ = server.accept()
         controller.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
-        until(lambda: link._socket is None)
+        until(lambda: link._link is None)
         link._next_try_at = 0.0
         link.poll()
         server.accept()
-        assert link._socket is not None
+        assert link._link is not None
         link._heard_at -= 60.0  # a cut cable says nothing
         link.poll()
-        assert link._socket is None
+        assert link._link is None
         link.close()
         controller.close()
 
@@ -453,10 +453,10 @@ def test_a_controllers_name_is_looked_up_beside_the_main_loop(monkeypatch):
         assert link.poll() == []  # nobody has answered yet
         answers.put(socket.gaierror(socket.EAI_AGAIN, "no answer"))
         until(lambda: link._next_try_at > 0.0)
-        assert link._socket is None
+        assert link._link is None
         link._next_try_at = 0.0
         answers.put("127.0.0.1")
-        until(lambda: link._socket is not None)
+        until(lambda: link._link is not None and link._link.stands)
         server.accept()
         link.close()
 

@@ -8,17 +8,15 @@ PROGRAM_XXX_STOPPED with the name of the program; of a script, the name in its f
 exception (10) has a line, a column and a text.
 """
 
-import errno
 import math
 import socket
 import struct
 import time
-from concurrent import futures
 from typing import NamedTuple, Self
 
 from monitor.acquire.driver import Reported, ReportedError, ReportedMode
 from monitor.acquire.state import JointLimits
-from monitor.acquire.ur.packages import LONGEST, is_address, looked_up, take_packages
+from monitor.acquire.ur.packages import LONGEST, Link, take_packages
 from monitor.acquire.ur.rtde import JOINTS
 
 PORT = 30001
@@ -88,7 +86,6 @@ ERROR = struct.Struct(">iii")  # code, argument, level
 MODE = struct.Struct(">iiB")  # code, argument, safety mode
 BY_JOINT = frozenset({153})  # codes whose argument is the joint, counted from 0
 GRAVE = 2  # warnings, violations and faults; what is below tells of no stop
-READ_BYTES = 65_536
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 SILENT_S = 10.0  # a controller sends its state some ten times a second: after this the way to it is cut, or it does not answer
 
@@ -99,73 +96,37 @@ class ReportedErrors:
     def __init__(self, host: str, port: int = PORT) -> None:
         """The first `poll` begins to connect."""
         self._host, self._port, self._waiting = host, port, bytearray()
-        self._looked_up: futures.Future[str] | None = None  # the address of a host's name, while it is asked for
         self._next_try_at, self._pause_s = 0.0, FIRST_PAUSE_S
         self._heard_at = 0.0
-        self._socket: socket.socket | None = None
+        self._link: Link | None = None
 
     def poll(self) -> list[Reported]:
         """What has come since the last call, oldest first; nothing while nobody answers."""
-        if self._socket is None:
-            if time.monotonic() < self._next_try_at:
+        now = time.monotonic()
+        if self._link is None:
+            if now < self._next_try_at:
                 return []
-            try:
-                address = self._address()
-            except OSError:
-                self._lost()
-                return []
-            if address is None:
-                return []
-            self._connect(address)
-        found: list[Reported] = []
+            self._link, self._waiting, self._heard_at = Link.to(self._host, self._port), bytearray(), now
         try:
-            while self._socket is not None:
-                data = self._socket.recv(READ_BYTES)
-                if not data:
-                    raise ConnectionResetError
-                self._pause_s, self._heard_at = FIRST_PAUSE_S, time.monotonic()
-                found += self._taken(data)
-                if len(data) < READ_BYTES:
-                    break
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            if error.errno not in (errno.ENOTCONN, errno.EAGAIN):  # not connected yet
-                self._lost()
-        if self._socket is not None and time.monotonic() - self._heard_at > SILENT_S:
-            self._lost()
-        return found
+            data = self._link.read()
+            if data:
+                self._pause_s = FIRST_PAUSE_S
+            if data or self._link.looks_up:
+                self._heard_at = now
+            elif now - self._heard_at > SILENT_S:
+                raise TimeoutError
+            return self._taken(data)
+        except OSError:
+            self.close()
+            self._next_try_at = now + self._pause_s
+            self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+            return []
 
     def close(self) -> None:
         """Close the connection."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
-    def _address(self) -> str | None:
-        """None while the host's name is looked up. Raises OSError where it has no address."""
-        if is_address(self._host):
-            return self._host
-        if self._looked_up is None:
-            self._looked_up = looked_up(self._host)
-        if not self._looked_up.done():
-            return None
-        found, self._looked_up = self._looked_up, None
-        return found.result()
-
-    def _connect(self, address: str) -> None:
-        self._waiting.clear()
-        self._heard_at = time.monotonic()
-        self._next_try_at = self._heard_at + self._pause_s
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setblocking(False)
-        if self._socket.connect_ex((address, self._port)) not in (0, errno.EINPROGRESS):
-            self._lost()
-
-    def _lost(self) -> None:
-        self.close()
-        self._next_try_at = time.monotonic() + self._pause_s
-        self._pause_s = min(2.0 * self._pause_s, LONGEST_PAUSE_S)
+        if self._link is not None:
+            self._link.close()
+            self._link = None
 
     def _taken(self, data: bytes) -> list[Reported]:
         """What is reported in what has come; raises OSError where it is not this protocol."""
@@ -198,7 +159,6 @@ PLACE = struct.Struct(">ii")  # line and column of the script
 KEY = struct.Struct(">iiB")  # code, argument, length of the title
 STARTED, STOPPED = b"PROGRAM_XXX_STARTED", b"PROGRAM_XXX_STOPPED"
 CONNECT_S = 0.5  # a controller answers within some milliseconds
-READS = 16  # in one call, at most: whoever floods this port must not hold the caller up
 
 
 class ProgramMessage(NamedTuple):
@@ -213,11 +173,9 @@ class ProgramMessages:
 
     def __init__(self, connection: socket.socket | None = None) -> None:
         """Read this connection; None: nothing is ever told."""
-        self._socket, self._waiting = connection, bytearray()
+        self._link, self._waiting = None if connection is None else Link(connection), bytearray()
         self.running: str | None = None  # the program that was told to have started last, until it is told to have ended
         self.mistake = ""  # the last runtime exception; empty: none was told
-        if connection is not None:
-            connection.setblocking(False)
 
     @classmethod
     def of(cls, host: str, port: int = PORT) -> Self:
@@ -230,7 +188,7 @@ class ProgramMessages:
     @property
     def open(self) -> bool:
         """Whether messages may still come."""
-        return self._socket is not None
+        return self._link is not None
 
     def started(self) -> list[str]:
         """The names of the programs that have started since the last call, oldest first."""
@@ -245,29 +203,25 @@ class ProgramMessages:
 
     def close(self) -> None:
         """Close the connection."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        if self._link is not None:
+            self._link.close()
+            self._link = None
 
     def _messages(self) -> list[ProgramMessage]:
         """What has come since the last call, oldest first; mistakes are noted."""
         found: list[ProgramMessage] = []
+        if self._link is None:
+            return found
         try:
-            for _ in range(READS):
-                if self._socket is None:
-                    break
-                data = self._socket.recv(READ_BYTES)
-                if not data:
-                    raise ConnectionResetError
-                self._waiting += data
-                for kind, message in take_packages(self._waiting, HEAD):
-                    if kind != ROBOT_MESSAGE:
-                        continue
-                    if (told := program_message(message)) is not None:
-                        found.append(told)
-                    self.mistake = mistake(message) or self.mistake
-        except BlockingIOError:
-            pass
+            self._waiting += self._link.read()
+            for kind, message in take_packages(self._waiting, HEAD):
+                if kind != ROBOT_MESSAGE:
+                    continue
+                if (told := program_message(message)) is not None:
+                    found.append(told)
+                self.mistake = mistake(message) or self.mistake
+            if self._link.ended:
+                self.close()
         except OSError:
             self.close()
         return found

@@ -5,14 +5,10 @@ that wakes a thousand times a second; this needs a socket that is never waited f
 ur-rtde's. The protocol is version 2 of the manufacturer's Real-Time Data Exchange guide: version, output recipe, start, then rows.
 """
 
-import errno
-import os
-import select
 import socket
 import struct
 import time
 from collections.abc import Iterator
-from concurrent import futures
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +16,7 @@ import numpy as np
 from monitor.acquire.driver import SessionEnded
 from monitor.acquire.rows import WIDTHS, layout
 from monitor.acquire.state import ArmState, arm_state
-from monitor.acquire.ur.packages import is_address, looked_up, take_packages
+from monitor.acquire.ur.packages import Link, take_packages
 from monitor.errors import RobotUnreachable
 from monitor.reason import Sentence
 from monitor.recording import Array
@@ -108,13 +104,13 @@ def _payloads(host: str, variables: tuple[str, ...], kind: str, *, count: int, r
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
             packages = _packages(connection, until)
-            send(connection, VERSION, struct.pack(">H", 2))
+            connection.sendall(packed(VERSION, struct.pack(">H", 2)))
             _answer(packages, VERSION)
-            send(connection, OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode())
+            connection.sendall(packed(OUTPUTS, struct.pack(">d", rate_hz) + ",".join(variables).encode()))
             recipe = _answer(packages, OUTPUTS)
             if recipe[1:].decode("ascii", "replace").split(",") != [kind] * len(variables):
                 return None
-            send(connection, START, b"")
+            connection.sendall(packed(START, b""))
             _answer(packages, START)
             return [_answer(packages, ROW)[1:] for _ in range(count)]
     except (OSError, struct.error) as error:
@@ -126,16 +122,16 @@ def software_of(host: str, timeout_s: float = PATIENCE_S) -> str | None:
     until = time.monotonic() + timeout_s
     try:
         with socket.create_connection((host, PORT), timeout=timeout_s) as connection:
-            send(connection, SOFTWARE, b"")
+            connection.sendall(packed(SOFTWARE, b""))
             numbers = NUMBERS.unpack_from(_answer(_packages(connection, until), SOFTWARE))
     except (OSError, struct.error):
         return None
     return ".".join(map(str, numbers))
 
 
-def send(connection: socket.socket, kind: int, payload: bytes) -> None:
-    """Send one package."""
-    connection.sendall(HEAD.pack(HEAD.size + len(payload), kind) + payload)
+def packed(kind: int, payload: bytes) -> bytes:
+    """One package."""
+    return HEAD.pack(HEAD.size + len(payload), kind) + payload
 
 
 def _packages(connection: socket.socket, until: float) -> Iterator[tuple[int, bytes]]:
@@ -171,10 +167,9 @@ TYPES = {  # of the guide, and the format of each in network order
     "VECTOR6UINT32": "6I",
 }
 ABSENT = "NOT_FOUND"  # in the place of a type: this controller does not report the variable
-READ_BYTES = 65_536
-MOST_WAITING = 1 << 20  # bytes read in one call; the rest comes with the next
 
 
+ENDED = Sentence("connection_ended", "the connection has ended")
 CONNECTION_LOST = Sentence("rtde_connection_lost", "{host}: RTDE: {why}")
 
 
@@ -218,6 +213,9 @@ class Recipe:
         return row
 
 
+DONE = -1  # in place of the kind of an answer: none is expected any more
+
+
 class Listening:
     """One connection, as a `Session` without a process. Nothing in it waits, unless `frames` is asked to."""
 
@@ -226,9 +224,7 @@ class Listening:
     def __init__(self, host: str, rate_hz: float, port: int = PORT) -> None:
         """Begin to connect. What goes wrong comes as a message, like everything else."""
         self._host, self._rate_hz, self._port = host, rate_hz, port
-        self._socket: socket.socket | None = None
-        self._recipe: Recipe | None = None
-        self._looked_up: futures.Future[str] | None = None  # the address of a host's name, while it is asked for
+        self._link: Link | None = None
         self._connect(SIGNALS)
 
     def send(self, word: str) -> None:
@@ -236,24 +232,22 @@ class Listening:
 
     def end(self, patience_s: float = 0.0) -> int:  # noqa: ARG002 - there is no process to wait for
         """Close the connection; 0."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        if self._link is not None:
+            self._link.close()
+            self._link = None
         return 0
 
     def wait(self, timeout_s: float) -> None:
         """Wait until `frames` has something, at most so long."""
-        if self._looked_up is not None:
-            futures.wait([self._looked_up], timeout_s)
-        elif self._socket is not None:
-            self._ready(timeout_s)
+        if self._link is not None:
+            self._link.wait(timeout_s)
 
     def frames(self, timeout_s: float) -> Iterator[Array | dict[str, Any]]:
         """Rows (WIDTH,) that have come, oldest first; the last is a message `lost`. Raises SessionEnded after that."""
-        if self._socket is None:
-            raise SessionEnded("the connection has ended")
+        if self._link is None:
+            raise SessionEnded(ENDED())
         try:
-            yield from self._received(timeout_s)
+            yield from self._received(self._link, timeout_s)
         except (OSError, struct.error, Unanswered) as error:
             self.end()
             why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -261,69 +255,25 @@ class Listening:
 
     def _connect(self, signals: tuple[Signal, ...]) -> None:
         self.end()
-        self._signals, self._recipe, self._waiting, self._expected = signals, None, bytearray(), VERSION
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setblocking(False)
-        self._connecting = True
-        if is_address(self._host):
-            self._failed = self._socket.connect_ex((self._host, self._port))
-        else:  # a name server may take long to answer
-            self._looked_up = looked_up(self._host)
+        self._signals, self._waiting = signals, bytearray()
+        self._recipe: Recipe | None = None
+        self._expected: int | None = None  # the kind of the answer that comes next; None: nothing was asked yet
+        self._link = Link.to(self._host, self._port)
 
-    def _received(self, timeout_s: float) -> Iterator[Array]:
-        if self._looked_up is not None:
-            self.wait(timeout_s)
-            if self._looked_up.done():
-                found, self._looked_up = self._looked_up, None
-                assert self._socket is not None
-                self._failed = self._socket.connect_ex((found.result(), self._port))
+    def _received(self, link: Link, timeout_s: float) -> Iterator[Array]:
+        if not link.wait(timeout_s):
             return
-        if not self._ready(timeout_s):
-            return
-        if self._connecting:
-            self._connected()
-            return
-        now = time.monotonic()
-        ended, waiting = self._read(), self._waiting
-        for kind, payload in take_packages(waiting, HEAD):
+        now, data = time.monotonic(), link.read()
+        if link.stands and self._expected is None:
+            self._send(VERSION, struct.pack(">H", 2))
+        self._waiting += data
+        for kind, payload in take_packages(self._waiting, HEAD):
             if kind == ROW and self._recipe is not None:
                 yield self._recipe.row(payload, now)
             elif kind == self._expected:
                 self._answered(payload)
-                if self._waiting is not waiting:  # it connects anew, and what came is of the connection before
+                if self._link is not link:  # it connects anew, and what came is of the connection before
                     return
-        if ended:
-            raise Unanswered("the controller closed the connection")
-
-    def _ready(self, timeout_s: float) -> bool:
-        poll = select.poll()
-        poll.register(self._socket, select.POLLOUT if self._connecting else select.POLLIN)  # type: ignore[arg-type]
-        return bool(poll.poll(1000.0 * timeout_s))
-
-    def _connected(self) -> None:
-        assert self._socket is not None
-        failed = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if self._failed not in {0, errno.EINPROGRESS}:
-            failed = self._failed
-        if failed:
-            raise OSError(failed, os.strerror(failed))
-        self._connecting = False
-        self._send(VERSION, struct.pack(">H", 2))
-
-    def _read(self) -> bool:
-        """Take what has come; whether the connection has ended behind it."""
-        assert self._socket is not None
-        while len(self._waiting) < MOST_WAITING:
-            try:
-                data = self._socket.recv(READ_BYTES)
-            except BlockingIOError:
-                return False
-            if not data:
-                return True
-            self._waiting += data
-            if len(data) < READ_BYTES:
-                return False
-        return False
 
     def _answered(self, payload: bytes) -> None:
         """Take the answer that was expected, and ask what follows it."""
@@ -344,12 +294,12 @@ class Listening:
         else:
             if payload[:1] != b"\x01":
                 raise Unanswered("the controller does not start to send")
-            self._expected = -1
+            self._expected = DONE
 
     def _send(self, kind: int, payload: bytes) -> None:
-        assert self._socket is not None
+        assert self._link is not None
         self._expected = kind
-        send(self._socket, kind, payload)
+        self._link.send(packed(kind, payload))
 
 
 ROWS = 13  # the accelerometer is averaged over so many: 0.1 s at 125 Hz
