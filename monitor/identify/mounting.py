@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from monitor.identify.fit.jackknife import CORRELATED_S
-from monitor.identify.fit.least_squares import FELT, one_above_the_other, reduced, scattered, triangle
+from monitor.identify.fit.least_squares import FELT, reduced, scattered, triangle
 from monitor.identify.signals.motion import Motion
 from monitor.model.base import base_parameters
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
@@ -190,7 +190,7 @@ class _Problem:
             moving_s = sum(float(np.sum(used[:, j])) * step / moved.rate_hz for (_, used), moved in zip(rows, motions, strict=True))
             evidence += moving_s / CORRELATED_S  # independent samples
         self.evidence = max(evidence, 1.0)
-        C = triangle(one_above_the_other(factors)) if factors else np.zeros((1, B + 3 * W + 1))
+        C = triangle(np.concatenate(factors)) if factors else np.zeros((1, B + 3 * W + 1))
         self._last: tuple[Array, _Solved] | None = None
         self.still, self.torque = C[:, :B], C[:, -1]
         self.pull = np.stack(np.split(C[:, B:-1], 3, axis=1))  # (3, r, W) what each weight does where up is x, y, z

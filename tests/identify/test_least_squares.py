@@ -14,7 +14,6 @@ from monitor.identify.fit.least_squares import (
     best_condition,
     condition_number,
     factors,
-    joined,
     residual_rms,
     solve,
     together,
@@ -101,19 +100,6 @@ def with_small_directions(rng, rows):
 def test_a_factor_keeps_the_directions_that_the_rows_hardly_show(rows):
     A, sizes = with_small_directions(np.random.default_rng(5), rows)
     assert np.linalg.svd(triangle(A), compute_uv=False) == pytest.approx(sizes, rel=1e-5)
-
-
-@pytest.mark.parametrize("short", [0, 7])
-def test_two_factors_joined_are_the_factor_of_all_rows(short):
-    """Whole triangles, and one that has fewer rows than columns."""
-    A, _ = with_small_directions(np.random.default_rng(6), 400)
-    halves = A[:200], A[200 : 200 + short] if short else A[200:]
-    R, every = joined(*(triangle(half) for half in halves)), np.concatenate(halves)
-    np.testing.assert_array_equal(R, np.triu(R))
-    np.testing.assert_allclose(R.T @ R, every.T @ every, atol=1e-15)
-    sizes = np.linalg.svd(every, compute_uv=False)
-    np.testing.assert_allclose(np.linalg.svd(R, compute_uv=False), sizes, rtol=1e-5, atol=1e-15)
-    np.testing.assert_array_equal(joined(R[:0], R), R)
 
 
 @pytest.mark.parametrize("samples", [(2, 3), (3, 2), (4, 1)], ids=str)

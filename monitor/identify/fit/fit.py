@@ -20,7 +20,6 @@ from monitor.identify.fit.least_squares import (
     Rows,
     Solution,
     factors,
-    joined,
     residual_rms,
     residuals_of,
     solve,
@@ -373,17 +372,13 @@ def choose_law(problem: FitProblem, method: str, start: Fit | None = None) -> Ch
     # one round: the load is then right to a hundredth, for all laws alike
     rows = [rec.thinned(every) for rec in fit(problem, richest, method=method, start=start, rounds=1).rows]
     weights = fit(problem, PAPER, method=method, start=start).weights  # (J,) one scale, so that all laws are compared alike
-    # term after term: the columns of most laws are then the first ones, and their factor is a part of the factor of all
     B, own = len(prior), problem.layout.of_law(richest)[:, 2:]  # (J, E)
-    order = np.concatenate([np.arange(B), own.T.ravel(), [-1]])
-    folds = [_fold([_stretch(rec, k) for rec in rows], weights, order) for k in range(FOLDS)]
-    others = factors_of_others([fold.R for fold in folds])
+    folds = [_fold([_stretch(rec, k) for rec in rows], weights) for k in range(FOLDS)]
     errors = {}
     for law in laws:
         terms = [richest.extra_terms.index(term) for term in law.extra_terms]
-        columns = np.concatenate([np.arange(B), *(B + len(own) * k + np.arange(len(own)) for k in terms), [-1]]).astype(np.intp)
-        expected = np.append(prior, np.zeros(len(columns) - 1 - B))
-        errors[law.name] = errors_left_out(folds, others, columns, expected)
+        columns = np.concatenate([np.arange(B), own[:, terms].ravel(), [-1]]).astype(np.intp)
+        errors[law.name] = errors_left_out(folds, columns, np.append(prior, np.zeros(len(columns) - 1 - B)))
     best = PAPER
     for law in laws[1:]:
         gain = errors[best.name] - errors[law.name]  # (F,) mean squares
@@ -401,35 +396,18 @@ def _stretch(rec: Rows, k: int) -> Rows:
     return Rows(Felt.of(rec.Y).part(first, last), rec.torque_nm[on], rec.used[on], rec.steps[on], rec.segments[on], robust_weight)
 
 
-def _fold(rows: Sequence[Rows], weights: Array, order: Indices) -> Factor:
-    """One factor of all joints' rows, weighted, with its columns in this order."""
+def _fold(rows: Sequence[Rows], weights: Array) -> Factor:
+    """One factor of all joints' rows, weighted."""
     joints = factors(rows)
-    return Factor(
-        triangle(np.concatenate([weight * factor.R[:, order] for weight, factor in zip(weights, joints, strict=True)])),
-        sum(factor.samples for factor in joints),
-    )
+    weighted = [weight * factor.R for weight, factor in zip(weights, joints, strict=True)]
+    return Factor(triangle(np.concatenate(weighted)), sum(factor.samples for factor in joints))
 
 
-def factors_of_others(folds: Sequence[Array]) -> list[Array]:
-    """Of each stretch the factor of all other stretches."""
-    before = [folds[0][:0]]  # factor of all stretches before this one
-    for R in folds[:-1]:
-        before.append(joined(before[-1], R))
-    after, others = folds[0][:0], []
-    for R, earlier in zip(reversed(folds), reversed(before), strict=True):
-        others.append(joined(earlier, after))
-        after = joined(R, after)
-    return others[::-1]
-
-
-def errors_left_out(folds: Sequence[Factor], others: Sequence[Array], columns: Indices, expected: Array) -> Array:
+def errors_left_out(folds: Sequence[Factor], columns: Indices, expected: Array) -> Array:
     """(F,) mean square residual of each stretch after the fit of these columns to all other stretches; rows are weighted."""
-    K = len(expected)
-    first = np.array_equal(columns[:-1], np.arange(K))
     errors = []
-    for fold, R in zip(folds, others, strict=True):
-        # of the first columns, the later rows hold nothing but what no solution explains
-        rest = R[: K + 1, columns] if first else triangle(R[:, columns])
-        left = fold.R[:, columns] @ np.append(solve([Factor(rest, 1)], np.ones(1), expected).values, -1.0)
+    for k, fold in enumerate(folds):
+        others = triangle(np.concatenate([other.R[:, columns] for other in (*folds[:k], *folds[k + 1 :])]))
+        left = fold.R[:, columns] @ np.append(solve([Factor(others, 1)], np.ones(1), expected).values, -1.0)
         errors.append(float(left @ left) / max(fold.samples, 1))
     return np.array(errors)

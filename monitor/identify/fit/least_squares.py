@@ -6,7 +6,6 @@ recording would fill the memory: it is formed anew, piece by piece, whenever it 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,10 +141,8 @@ class Felt:
 # --- Weighted least squares by joint, from triangular factors -------------------------------------------
 
 EXCITED = 1e-6  # of the largest singular value, columns scaled alike: a smaller one is rounding or encoder noise
-QR_BLOCK = 32  # columns that LAPACK's QR takes together
-QR_PANEL = 8  # columns that its recursive QR takes together
-TALL = 3  # rows a column from which the recursive one is faster: it takes half of the time of a joint's rows
 
+QR_PANEL = 8  # columns that the recursive QR takes together
 FELT = 1e-9  # of the largest column's norm: a smaller column is rounding, as of joints that never move together
 
 
@@ -213,48 +210,15 @@ def with_own(recordings: Sequence[Rows], columns: Sequence[Array]) -> list[Rows]
 def triangle(A: Array) -> Array:
     """R (r, B) with RᵀR = AᵀA, of A (n, B); r is the number of columns that are not all zero, or n if that is less."""
     felt = np.flatnonzero(np.any(A != 0.0, axis=0))  # a joint feels only the links outward of it, and its own friction
-    if len(felt) == A.shape[1]:
-        return reduced(np.array(A, order="F"))
-    return scattered(reduced(np.asfortranarray(A[:, felt])), felt, A.shape[1])
-
-
-def one_above_the_other(parts: Sequence[Array]) -> Array:
-    """The rows of all parts (n, B), with memory that runs along the rows, as `triangle` needs it."""
-    return np.concatenate(parts, out=np.empty((sum(len(part) for part in parts), parts[0].shape[1]), order="F"))
-
-
-def joined(A: Array, B: Array) -> Array:
-    """`triangle` of two factors, one above the other; of two whole triangles at half of the cost."""
-    K = A.shape[1]
-    if not len(A) == len(B) == K:
-        return triangle(np.concatenate([A, B])) if len(A) and len(B) else np.concatenate([A, B])
-    R, _, _, _ = scipy.linalg.lapack.dtpqrt(K, min(QR_PANEL, K), A, B)
-    return np.where(_upper(K, K), R, 0.0)
+    return scattered(reduced(A[:, felt]), felt, A.shape[1])
 
 
 def reduced(A: Array) -> Array:
-    """R (min(n, K), K) of A (n, K), whose memory runs along the rows and is overwritten."""
-    K = A.shape[1]
+    """R (min(n, K), K) of A (n, K), by LAPACK's recursive QR: half the time of `np.linalg.qr`."""
     if min(A.shape) == 0:
-        return np.zeros((0, K))
-    if len(A) < TALL * K:
-        R, _, _, _ = scipy.linalg.lapack.dgeqrf(A, lwork=QR_BLOCK * K, overwrite_a=1)
-    else:
-        R, _, _ = scipy.linalg.lapack.dgeqrt(min(QR_PANEL, K), A, overwrite_a=1)
-    upper = R[:K]
-    return np.where(_upper(*upper.shape), upper, 0.0)
-
-
-@lru_cache(maxsize=256)
-def _upper(rows: int, columns: int) -> Mask:
-    """(rows, columns) the upper triangle; `np.triu` makes its own each time, which takes longer than the rest of a small factor."""
-    return ~np.tri(rows, columns, -1, dtype=bool)
-
-
-def _norms(A: Array) -> Array:
-    """(B,) norms of the columns, as `np.linalg.norm` computes them."""
-    norms: Array = np.sqrt(np.add.reduce(A * A, axis=0))
-    return norms
+        return np.zeros((0, A.shape[1]))
+    R, _, _ = scipy.linalg.lapack.dgeqrt(min(QR_PANEL, *A.shape), np.array(A, order="F"), overwrite_a=1)
+    return np.triu(R[: A.shape[1]])
 
 
 def _felt(norms: Array) -> Mask:
@@ -288,12 +252,12 @@ def solve(joints: Sequence[Factor], weights: Array, prior: Array, penalty: Array
 
     penalty : (B,) one over the standard deviation of each parameter about its prior, 0 for a parameter without one; None: 0 for all.
     """
-    stacked = one_above_the_other([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
+    stacked = np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])
     if penalty is not None:
         stacked = np.concatenate([stacked, np.column_stack([np.diag(penalty), penalty * prior])[penalty > 0.0]])
     R = triangle(stacked) if len(stacked) >= stacked.shape[1] else stacked
     A, b = R[:, :-1], R[:, -1]
-    norms, B = _norms(A), A.shape[1]
+    norms, B = np.linalg.norm(A, axis=0), A.shape[1]
     norms = np.where(_felt(norms), norms, 0.0)
     whitening = _whitening(A[:B], norms) if len(R) == B + 1 and np.all(norms > 0.0) else None
     if whitening is not None:  # the usual case: everything is excited
@@ -316,7 +280,7 @@ def residual_rms(joints: Sequence[Factor], values: Array) -> Array:
 
 def together(joints: Sequence[Factor]) -> Array:
     """The triangle of all joints' rows, unweighted and in SI units, without the torque."""
-    return triangle(one_above_the_other([factor.R for factor in joints]))[:, :-1]
+    return triangle(np.concatenate([factor.R for factor in joints]))[:, :-1]
 
 
 def condition_number(Y: Array, columns: Indices) -> float:
@@ -334,13 +298,12 @@ def best_condition(Y: Array, combination: Array, rows: Indices) -> float:
     columns of all standard parameters are Y·combination, of which QR with pivoting chooses as many as there are base parameters.
     """
     standard = Y[:, rows] @ combination[rows]
-    norms = _norms(standard)
+    norms = np.linalg.norm(standard, axis=0)
     felt = _felt(norms)
     if len(Y) < len(rows) or np.sum(felt) < len(rows):
         return float("inf")
-    R, _, _, _, _ = scipy.linalg.lapack.dgeqp3(np.asfortranarray(standard[:, felt] / norms[felt]), overwrite_a=1)
-    chosen = R[: len(rows), : len(rows)]
-    s = np.linalg.svd(np.where(_upper(*chosen.shape), chosen, 0.0), compute_uv=False)
+    R, _ = scipy.linalg.qr(standard[:, felt] / norms[felt], mode="r", pivoting=True)
+    s = np.linalg.svd(R[: len(rows), : len(rows)], compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > 0.0 else float("inf")
 
 
