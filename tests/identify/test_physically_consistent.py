@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear
 
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.fit.least_squares import Rows, factors, residual_rms, solve
-from monitor.identify.fit.physically_consistent import PhysicalConsistencySettings, PhysicallyConsistentArm, physically_consistent
+from monitor.identify.fit.physically_consistent import PhysicallyConsistentArm, physically_consistent
 from monitor.identify.signals.arm import joint_torque
 from monitor.identify.signals.motion import motion
 from monitor.model.base import base_parameters
@@ -189,12 +189,13 @@ def test_further_friction_parameters_are_kept_and_not_negative():
     assert abs(found.extra[1]) < 1e-6
 
 
-def test_impossible_bounds_and_shapes_are_refused():
+def test_impossible_bounds_and_shapes_are_refused(monkeypatch):
     """Bounds that cross, and shapes that do not fit."""
+    monkeypatch.setattr("monitor.identify.fit.physically_consistent.MASS_FACTOR", (2.0, 1.0))
     robot = load_robot("ur5")
     joints, base = exact(robot, GROUND, rate_hz=25.0)
     with pytest.raises(Unidentifiable, match="no physical arm was found"):
-        physically_consistent(joints, np.ones(6), base.combination, robot, PhysicalConsistencySettings(mass_factor=(2.0, 1.0)))
+        physically_consistent(joints, np.ones(6), base.combination, robot)
     with pytest.raises(BadInput, match="do not fit"):
         physically_consistent(joints, np.ones(5), base.combination, robot)
 

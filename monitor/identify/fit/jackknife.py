@@ -79,12 +79,11 @@ def _covariances(
     ends = [set((first + width).tolist()) for first, width in zip(windows, widths, strict=True)]
     moved: list[list[Array]] = [[] for _ in widths]  # of each block, (S, r)
     last = deque[Array](maxlen=max(widths) + 1)  # all sums of a long recording would fill the memory
-    without = _Without(T.shape[1], len(residuals))
     for k, sums in enumerate(_running_sums(recordings, weights, T, residuals)):
         last.append(sums)
         for width, ending, into in zip(widths, ends, moved, strict=True):
             if k in ending:
-                into.append(without.moved(last[-1 - width], sums))
+                into.append(_moved(last[-1 - width], sums, T.shape[1]))
     result = []
     for width, first, deltas in zip(widths, windows, moved, strict=True):
         blocks = len(runs) / width
@@ -93,25 +92,17 @@ def _covariances(
     return result
 
 
-class _Without:
-    """How far the solution moves in z where one block of rows is left out; asked for hundreds of times, so in the same memory."""
+def _moved(before: Array, after: Array, r: int) -> Array:
+    """(S, r) how far the solution moves in z without the rows between two of the `_running_sums`, whose lower triangles alone are read.
 
-    def __init__(self, r: int, estimates: int) -> None:
-        self._block = np.empty((r + estimates, r + estimates), order="F")  # a difference of whole sums takes a third of one of their parts
-        self._rest, self._scores = self._block[:r, :r], self._block[r:, :r].T
-        self._diagonal = self._block.T.reshape(-1)[: r * len(self._block) : len(self._block) + 1]
-
-    def moved(self, before: Array, after: Array) -> Array:
-        """(S, r) without the rows between two of the `_running_sums`, of which only the lower triangles are read.
-
-        The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
-        """
-        np.subtract(before, after, out=self._block)
-        self._diagonal += 1.0 / HIGHEST_LEVERAGE
-        _, moved, failed = scipy.linalg.lapack.dposv(self._rest, self._scores, lower=1)
-        if failed:  # the rows are not quite orthonormal
-            moved = np.linalg.solve(np.tril(self._rest) + np.tril(self._rest, -1).T, self._scores)
-        return np.asarray(moved.T)
+    The rows are orthonormal in z, so G of all blocks is the identity and the eigenvalues of G_b are leverages, 0 … 1.
+    """
+    block = before - after
+    rest, scores = block[:r, :r] + np.eye(r) / HIGHEST_LEVERAGE, block[r:, :r].T
+    _, moved, failed = scipy.linalg.lapack.dposv(rest, scores, lower=1)
+    if failed:  # the rows are not quite orthonormal
+        moved = np.linalg.solve(np.tril(rest) + np.tril(rest, -1).T, scores)
+    return np.asarray(moved.T)
 
 
 def _runs(recordings: Sequence[Rows]) -> Indices:

@@ -27,17 +27,11 @@ _ENTRY = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Jxx, Jxy, Jxz, Jyy,
 _UPPER = tuple((row, column) for column in range(4) for row in range(column + 1))  # Clarabel's order: the upper triangle by columns
 PERFECT = 1e-3  # fraction of the torque: the least residual that is assumed, since a smaller one exceeds the solver's digits
 UNKNOWN_WEIGHT = 0.01  # of the prior where the manufacturer gives no mass: enough to make the solution unique
+MASS_FACTOR = (0.5, 2.0)  # bounds, as factors on the manufacturer's mass; torque alone does not bound the masses
+UNKNOWN_MASS_KG = (0.01, 100.0)  # bounds where the manufacturer gives no mass
+SPREAD_M = 0.005  # least radius of gyration of a link in every direction
+PRIOR_WEIGHT = 1.0  # 1: a prior of about ±100 % on the manufacturer's figures, for residuals of unit size
 UNKNOWN_LINK_KG = 5.0  # a link's typical mass, where the manufacturer gives none
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PhysicalConsistencySettings:
-    """The limits of what a link can be, and the weight of the prior."""
-
-    mass_factor: tuple[float, float] = (0.5, 2.0)  # bounds, as factors on the manufacturer's mass; torque alone does not bound the masses
-    unknown_mass_kg: tuple[float, float] = (0.01, 100.0)  # bounds where the manufacturer gives no mass
-    spread_m: float = 0.005  # least radius of gyration of a link in every direction
-    prior_weight: float = 1.0  # 1: a prior of about ±100 % on the manufacturer's figures, for residuals of unit size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +74,6 @@ def physically_consistent(
     weights: Array,
     combination: Array,
     robot: Robot,
-    settings: PhysicalConsistencySettings | None = None,
 ) -> PhysicallyConsistentArm:
     """The physically consistent parameters with the smallest residual over the rows in the factors.
 
@@ -88,7 +81,6 @@ def physically_consistent(
     (B + E, 13·J + E) with E more friction parameters at the end, which stay non-negative as fc, fv and Im do.
     Raises BadInput where shapes do not fit or values are not finite, Unidentifiable where no arm is within the bounds or the solver fails.
     """
-    settings = settings or PhysicalConsistencySettings()
     P = PER_JOINT * robot.joints
     E = combination.shape[1] - P
     if E < 0 or combination.shape[0] != joints[0].R.shape[1] - 1 or len(weights) != robot.joints or len(joints) != robot.joints:
@@ -106,7 +98,7 @@ def physically_consistent(
     # with residuals of unit size the prior has the same weight for every recording; a perfect fit must not have an infinite weight
     unit = max(best, PERFECT * float(np.linalg.norm(b)), 1e-12) / math.sqrt(samples)
     scale, prior = _scale(robot, E), np.append(robot.nominal_parameters(with_inertia=True), np.zeros(E))
-    found = scale * _solve(A @ combination * (scale / unit), b / unit, prior / scale, scale, robot, settings)
+    found = scale * _solve(A @ combination * (scale / unit), b / unit, prior / scale, scale, robot)
 
     values = combination @ found
     return PhysicallyConsistentArm(
@@ -142,7 +134,7 @@ def _scale(robot: Robot, extra: int) -> Array:
     return np.append(np.array(blocks).ravel(), np.ones(extra))
 
 
-def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, settings: PhysicalConsistencySettings) -> Array:
+def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot) -> Array:
     """The scaled parameters x that minimise ‖A x − b‖² + w·‖(x − prior)‖², by Clarabel; w acts on links and rotors, not on friction.
 
     Raises Unidentifiable where the solver fails or finds no solution.
@@ -151,7 +143,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
 
     pull = np.zeros(len(prior))
     for i in range(robot.joints):
-        weight = settings.prior_weight if robot.mass_kg[i] > 0.0 else UNKNOWN_WEIGHT * settings.prior_weight
+        weight = PRIOR_WEIGHT if robot.mass_kg[i] > 0.0 else UNKNOWN_WEIGHT * PRIOR_WEIGHT
         pull[[*range(PER_JOINT * i, PER_JOINT * i + INERTIAL), PER_JOINT * i + ROTOR]] = weight
     quadratic = 2.0 * (A.T @ A + np.diag(pull))
     linear = -2.0 * (A.T @ b + pull * prior)
@@ -159,7 +151,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
     rows, bounds, cones = [], [], []
     free = np.flatnonzero(np.arange(len(prior)) >= PER_JOINT * robot.joints)
     positive = [PER_JOINT * i + kind for i in range(robot.joints) for kind in (COULOMB, VISCOUS, ROTOR)] + [int(k) for k in free]
-    limits = _mass_bounds(robot, settings)  # (J, 2)
+    limits = _mass_bounds(robot)  # (J, 2)
     bound = np.zeros((len(positive) + 2 * robot.joints, len(prior)))
     at_most = np.zeros(len(bound))
     bound[np.arange(len(positive)), positive] = -1.0  # −x ≤ 0
@@ -174,7 +166,7 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
         block = slice(PER_JOINT * i, PER_JOINT * i + INERTIAL)
         length = scale[PER_JOINT * i + 1] / scale[PER_JOINT * i]
         pseudo = _pseudo_inertia_map(scale[block], length) / scale[PER_JOINT * i]  # entries of order one
-        least = limits[i, 0] * (settings.spread_m / length) ** 2 / scale[PER_JOINT * i]
+        least = limits[i, 0] * (SPREAD_M / length) ** 2 / scale[PER_JOINT * i]
         rows.append(np.zeros((len(_UPPER), len(prior))))
         rows[-1][:, block] = -pseudo
         bounds.append(np.array([-least if row == column < 3 else 0.0 for row, column in _UPPER]))
@@ -193,16 +185,16 @@ def _solve(A: Array, b: Array, prior: Array, scale: Array, robot: Robot, setting
         raise Unidentifiable(f"{robot.name}: the solver broke down ({wrong}); expected factors of a well-excited recording") from None
     if answer.status not in {clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved}:
         raise Unidentifiable(
-            f"{robot.name}: no physical arm was found ({answer.status}); expected masses within {settings.mass_factor[0]:g} to "
-            f"{settings.mass_factor[1]:g} of the manufacturer's: check robot, gains and mounting"
+            f"{robot.name}: no physical arm was found ({answer.status}); expected masses within {MASS_FACTOR[0]:g} to "
+            f"{MASS_FACTOR[1]:g} of the manufacturer's: check robot, gains and mounting"
         )
     return np.asarray(answer.x, dtype=float)
 
 
-def _mass_bounds(robot: Robot, settings: PhysicalConsistencySettings) -> Array:
+def _mass_bounds(robot: Robot) -> Array:
     """(J, 2) least and largest mass [kg]. The last link may carry a tool or payload."""
     known = robot.mass_kg > 0.0
-    bounds = np.where(known[:, None], np.multiply.outer(robot.mass_kg, settings.mass_factor), settings.unknown_mass_kg)
+    bounds = np.where(known[:, None], np.multiply.outer(robot.mass_kg, MASS_FACTOR), UNKNOWN_MASS_KG)
     if math.isfinite(robot.payload_max_kg):
         bounds[-1, 1] += robot.payload_max_kg
     return bounds
