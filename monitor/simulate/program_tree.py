@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
+from monitor.simulate.faults import Flag, Kind, Number, Text, check
 
 HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"
 DEFAULT_PORT = 50002  # where the manufacturer's External Control asks
@@ -74,63 +75,49 @@ def load_tree(file: Path) -> ProgramTree:
         document = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as wrong:
         raise BadInput(f"program {file}: {wrong}") from None
-    name, loop, nodes = document.get("name", file.stem), document.get("loop", True), document.get("node", [])
-    unknown = sorted(set(document) - {"name", "loop", "node"})
-    if unknown:
-        raise BadInput(f"program {file}: {', '.join(unknown)} is not known; known are name, loop and [[node]]")
-    if not isinstance(name, str) or not name.isidentifier():
-        raise BadInput(f"program {file}: name = {name!r}; expected letters, digits and _")
-    if not isinstance(loop, bool):
-        raise BadInput(f"program {file}: loop = {loop!r}; expected true or false")
+    nodes = document.pop("node", [])
+    known: dict[str, Kind] = {"name": Text(file.stem), "loop": Flag(default=True)}
+    program = check(f"program {file}", known, document)
+    if not program["name"].isidentifier():
+        raise BadInput(f"program {file}: name = {program['name']!r}; expected letters, digits and _")
     if not isinstance(nodes, list) or not nodes:
         raise BadInput(f"program {file}: expected one or more [[node]]")
-    return ProgramTree(name, tuple(_node(f"program {file}: node {i}", node, file.parent) for i, node in enumerate(nodes, start=1)), loop)
+    made = tuple(_node(f"program {file}: node {i}", node, file.parent) for i, node in enumerate(nodes, start=1))
+    return ProgramTree(program["name"], made, program["loop"])
 
 
-KINDS = ("move", "wait", "message", "script", "external_control")
+NOT_NEGATIVE = Number(0.0, 1e6)
+NODES: dict[str, Kind] = {"wait": NOT_NEGATIVE, "message": Text(), "script": Text(), "external_control": Text()}  # besides `move`
 
 
 def _node(where: str, given: Any, folder: Path) -> Node:
     """One node. Raises BadInput."""
-    if not isinstance(given, dict) or sum(kind in given for kind in KINDS) != 1:
-        raise BadInput(f"{where}: expected exactly one of {', '.join(KINDS)}")
-    unknown = sorted(set(given) - {*KINDS, "speed", "acceleration"})
-    if unknown:
-        raise BadInput(f"{where}: {', '.join(unknown)} is not known; known are {', '.join(KINDS)}, speed and acceleration")
-    speed = _number(where, given, "speed", SPEED_RAD_S)
-    acceleration = _number(where, given, "acceleration", ACCELERATION_RAD_S2)
-    if "move" in given:
-        q = given["move"]
+    if not isinstance(given, dict) or sum(kind in given for kind in ("move", *NODES)) != 1:
+        raise BadInput(f"{where}: expected exactly one of move, {', '.join(NODES)}")
+    q = given.pop("move", None)
+    own: dict[str, Kind] = {name: kind for name, kind in NODES.items() if name in given}
+    pace: dict[str, Kind] = {
+        "speed": NOT_NEGATIVE._replace(default=SPEED_RAD_S),
+        "acceleration": NOT_NEGATIVE._replace(default=ACCELERATION_RAD_S2),
+    }
+    values = check(where, {**own, **pace}, given)
+    if q is not None:
         if not isinstance(q, list) or len(q) != 6 or not all(isinstance(value, int | float) for value in q):
             raise BadInput(f"{where}: move = {q!r}; expected 6 joint positions [rad]")
-        return Node(move=tuple(map(float, q)), speed=speed, acceleration=acceleration)
-    if "wait" in given:
-        return Node(wait=_number(where, given, "wait", 0.0))
-    if "message" in given:
-        return Node(message=_text(where, given, "message").replace('"', "'"))
-    if "script" in given:
-        file = folder / _text(where, given, "script")
+        return Node(move=tuple(map(float, q)), **values)
+    if "wait" in values:
+        return Node(wait=values["wait"])
+    if "message" in values:
+        return Node(message=values["message"].replace('"', "'"))
+    if "script" in values:
         try:
-            return Node(script=file.read_text(encoding="utf-8"))
+            return Node(script=(folder / values["script"]).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as wrong:
             raise BadInput(f"{where}: script: {wrong}") from None
-    address, _, port = _text(where, given, "external_control").partition(":")
+    address, _, port = values["external_control"].partition(":")
     if port and not port.isdigit():
         raise BadInput(f"{where}: external_control = {given['external_control']!r}; expected ADDRESS or ADDRESS:PORT")
     return Node(external_control=Host(address, int(port or DEFAULT_PORT)))
-
-
-def _number(where: str, given: Mapping[str, Any], key: str, default: float) -> float:
-    value = given.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 1e6:
-        raise BadInput(f"{where}: {key} = {value!r}; expected a number that is not negative")
-    return float(value)
-
-
-def _text(where: str, given: Mapping[str, Any], key: str) -> str:
-    if not isinstance(given[key], str) or not given[key]:
-        raise BadInput(f"{where}: {key} = {given[key]!r}; expected a text")
-    return str(given[key])
 
 
 def _lines(node: Node, served: Mapping[Host, str | None], *, silent: bool) -> list[str]:

@@ -105,8 +105,8 @@ EVENTS: dict[str, dict[str, Kind]] = {
     "wear_step": {"joint": _JOINT, "coulomb_factor": Number(0, 100, 1.0), "viscous_factor": Number(0, 100, 1.0)},
     "regrease": {"joint": _JOINT, "recovery": Number(0, 1, 0.8)},
     "replace_joint": {"joint": _JOINT, "friction_factor": Number(0.1, 10, 1.0), "serial": Text("")},
-    "payload": {"kg": Number(0, 100), "told": Flag(default=False)},
-    "mounting": {"mounting": Text(), "told": Flag(default=False)},
+    "payload": {"kg": Number(0, 100), "declared": Flag(default=False)},
+    "mounting": {"mounting": Text(), "declared": Flag(default=False)},
     "fault": {"fault": Choice(tuple(faults.FAULTS))},
 }
 ARM: dict[str, Kind] = {

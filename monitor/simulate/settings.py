@@ -16,6 +16,7 @@ DEFAULT_COMMAND_PORT = 30020
 DEFAULT_ROBOT_API_PORT = 80  # as on a real PolyScope X
 PERSONALITIES = ("ideal", "recorded")
 CONTROL_SCRIPTS = ("modelled", "executed")
+PROTECTIVE_RUNTIMES = ("paused", "stopped", "playing")
 PAYLOAD_COM_MAX_M = 2.0  # largest distance of a payload's centre of mass from the flange, along each axis
 
 
@@ -57,36 +58,36 @@ class SimulateSettings:
         rates = self.wear_per_revolution
         if rates is not None and (len(rates) != robot.joints or not all(0.0 <= rate < math.inf for rate in rates)):
             raise BadInput(f"simulate: wear_per_revolution = {self.wear_per_revolution!r}; expected {robot.joints} numbers, none negative")
-        if not 0.0 <= self.payload_kg <= 2.0 * robot.payload_max_kg:
-            most = f"{2.0 * robot.payload_max_kg:g} for a {self.robot}, twice its rated payload"
-            raise BadInput(f"simulate: payload_kg = {self.payload_kg:g}; expected 0 … {most}")
-        if not -20.0 <= self.ambient_c <= 60.0:
-            raise BadInput(f"simulate: ambient_c = {self.ambient_c:g}; expected −20 … 60 °C")
-        if self.protective_runtime not in {"paused", "stopped", "playing"}:
-            raise BadInput(f"simulate: protective_runtime = {self.protective_runtime!r}; expected paused, stopped or playing")
-        if self.personality not in PERSONALITIES:
-            raise BadInput(f"simulate: personality = {self.personality!r}; expected {' or '.join(PERSONALITIES)}")
+        most_kg = 2.0 * robot.payload_max_kg
+        for name, low, high, unit in (
+            ("payload_kg", 0.0, most_kg, f" for a {self.robot}, twice its rated payload"),
+            ("ambient_c", -20.0, 60.0, " °C"),
+            ("run_in", 0.0, 1.0, " of friction"),
+            ("current_noise", 0.0, 100.0, " times the recorded arms'"),
+            ("seed", 0, math.inf, ""),
+            ("command_port", 1, 65535, ""),
+            ("robot_api_port", 1, 65535, ""),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise BadInput(f"simulate: {name} = {getattr(self, name):g}; expected {low:g} … {high:g}{unit}")
+        for name, words in (
+            ("protective_runtime", PROTECTIVE_RUNTIMES),
+            ("personality", PERSONALITIES),
+            ("control_script", CONTROL_SCRIPTS),
+        ):
+            if getattr(self, name) not in words:
+                raise BadInput(f"simulate: {name} = {getattr(self, name)!r}; expected one of {', '.join(words)}")
         if self.cell is not None and self.program is not None:
             raise BadInput(f"simulate: a cell ({self.cell}) and a program ({self.program.name}); expected one of them")
-        if self.control_script not in CONTROL_SCRIPTS:
-            raise BadInput(f"simulate: control_script = {self.control_script!r}; expected {' or '.join(CONTROL_SCRIPTS)}")
         for name, port, other in (("command_port", self.command_port, 30020), ("robot_api_port", self.robot_api_port, 8080)):
-            if not 0 < port < 65536:
-                raise BadInput(f"simulate: {name} = {port}; expected 1 … 65535")
             if port in (RTDE_PORT, DASHBOARD_PORT, *SCRIPT_PORTS):
                 raise BadInput(f"simulate: {name} = {port} is one of the robot's own ports; expected another, e.g. {other}")
         if self.command_port == self.robot_api_port:
             raise BadInput(f"simulate: command_port and robot_api_port are both {self.command_port}; expected two ports")
-        if self.seed < 0:
-            raise BadInput(f"simulate: seed = {self.seed}; expected 0 or more")
         if len(self.payload_com_m) != 3 or not all(abs(metres) <= PAYLOAD_COM_MAX_M for metres in self.payload_com_m):
             raise BadInput(
                 f"simulate: payload_com_m = {self.payload_com_m!r}; expected x, y, z within ±{PAYLOAD_COM_MAX_M:g} m of the flange"
             )
-        if not 0.0 <= self.run_in <= 1.0:
-            raise BadInput(f"simulate: run_in = {self.run_in:g}; expected 0 … 1 of friction")
-        if not 0.0 <= self.current_noise <= 100.0:
-            raise BadInput(f"simulate: current_noise = {self.current_noise:g}; expected 0 … 100 times the recorded arms'")
         if not self.serial.isdigit():
             raise BadInput(f"simulate: serial = {self.serial!r}; expected digits only, ur-rtde refuses others")
         _ = self.polyscope

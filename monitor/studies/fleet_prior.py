@@ -109,11 +109,11 @@ def learn_wear(joints: Sequence[Joint], drift: DriftSettings) -> WearPrior | Non
     usual = np.array(FAMILY_PRIOR)
     shares, mean, var, of_fleet = usual, family, FAMILY_SPREAD**2, 0.0
     for _ in range(WEAR_ROUNDS):
-        told = sum((_told(course, np.log(shares / usual), mean, var) for course in courses), np.zeros(5))
-        of_fleet = float(told[:3].sum())
-        shares = (told[:3] + FAMILY_ARMS * usual) / (of_fleet + FAMILY_ARMS)
-        mean = float((told[3] / var + family / FAMILY_SPREAD**2) / (of_fleet / var + FAMILY_SPREAD**-2.0))
-        about_mean = told[4] - 2.0 * mean * told[3] + mean**2 * of_fleet
+        expected = sum((_expected(course, np.log(shares / usual), mean, var) for course in courses), np.zeros(5))
+        of_fleet = float(expected[:3].sum())
+        shares = (expected[:3] + FAMILY_ARMS * usual) / (of_fleet + FAMILY_ARMS)
+        mean = float((expected[3] / var + family / FAMILY_SPREAD**2) / (of_fleet / var + FAMILY_SPREAD**-2.0))
+        about_mean = expected[4] - 2.0 * mean * expected[3] + mean**2 * of_fleet
         var = float((about_mean + FAMILY_ARMS * FAMILY_SPREAD**2) / (of_fleet + FAMILY_ARMS))
     spread = np.sqrt(var + var / max(of_fleet, 1.0))
     figures = dict(zip(SHARES, shares, strict=True)) | {"life_days": np.exp(mean), "life_spread": spread}
@@ -142,7 +142,7 @@ def _course(paths: WearPaths) -> _Course:
     return _Course(np.log(paths.weight) - expected, family, np.log(life), paths.cov[:, 2, 2] / (slope * rise) ** 2)
 
 
-def _told(course: _Course, log_odds: Array, mean: float, var: float) -> Array:
+def _expected(course: _Course, log_odds: Array, mean: float, var: float) -> Array:
     """(5,) of one joint: the probability that it is one of the fleet and wears along each family, and its expected x and x² of the life."""
     spread = course.var + var
     log = course.log_weight + log_odds[course.family] - 0.5 * np.log(spread) - 0.5 * (course.life - mean) ** 2 / spread
@@ -303,9 +303,9 @@ def _pooled(states: Sequence[FilterState], entry: int, mean: float, std: float, 
     variance = np.array([state.cov[:, entry, entry] for state in states])
 
     information = 1.0 / np.maximum(variance, 1e-300) - 1.0 / std**2
-    told = information * std**2 > 1.0
-    own_variance = np.where(told, 1.0 / np.where(told, information, 1.0), np.nan)
-    own_value = np.where(told, (value / np.maximum(variance, 1e-300) - mean / std**2) * own_variance, np.nan)
+    informative = information * std**2 > 1.0
+    own_variance = np.where(informative, 1.0 / np.where(informative, information, 1.0), np.nan)
+    own_value = np.where(informative, (value / np.maximum(variance, 1e-300) - mean / std**2) * own_variance, np.nan)
     return pool(own_value, own_variance, np.full(joints, mean), np.full(joints, std))
 
 

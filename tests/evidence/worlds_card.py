@@ -175,7 +175,7 @@ def _beside(document: dict[str, Any]) -> str:
         for name in ("rising", "falling", "common")
         if name not in false["counted"]["kinds"]
     ]
-    payload = document["payload_told"]
+    payload = document["payload_found"]
     if payload["of"]:
         beside.append(f"payload in {payload['arms']} of {payload['of']} arms")
     return f"; told: {', '.join(beside)}" if beside else ""

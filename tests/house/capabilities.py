@@ -1009,7 +1009,7 @@ SCENARIOS: dict[str, tuple[str, ...]] = {  # each of config/scenarios
     "step-wear": ("simulate/test_sim_scenarios.py::test_step_wear_comes_from_one_moment_to_the_next",),
     "cold-mondays": ("simulate/test_sim_scenarios.py::test_monday_morning_is_colder_than_friday_evening",),
     "hot-summer": ("simulate/test_sim_scenarios.py::test_a_hot_summer_is_hot_in_the_afternoon",),
-    "payload-untold": ("simulate/test_sim_scenarios.py::test_a_payload_comes_undeclared",),
+    "payload-undeclared": ("simulate/test_sim_scenarios.py::test_a_payload_comes_undeclared",),
     "remounted": ("simulate/test_sim_scenarios.py::test_the_arm_hangs_from_the_ceiling_and_the_controller_does_not_know",),
     "regreased": ("simulate/test_sim_scenarios.py::test_grease_takes_most_of_the_wear_away",),
     "joint-replaced": ("simulate/test_sim_scenarios.py::test_a_replaced_joint_has_its_own_serial_and_friction",),

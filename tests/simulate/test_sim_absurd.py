@@ -114,8 +114,11 @@ def test_a_moved_encoder_is_still_moved_after_a_restart():
 
 def test_a_restart_repairs_no_sensor_and_keeps_the_installed_payload():
     """Faults of sensors and the installed payload survive a restart. What a program declared does not."""
-    events = [{"at_s": 0, "do": "mounting", "mounting": "ceiling", "told": True}, {"at_s": 0, "do": "payload", "kg": 2.0, "told": True}]
-    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": events}, "told", "told.toml")))
+    events = [
+        {"at_s": 0, "do": "mounting", "mounting": "ceiling", "declared": True},
+        {"at_s": 0, "do": "payload", "kg": 2.0, "declared": True},
+    ]
+    c = Controller(SimulateSettings(scenario=scenario_from_document({"event": events}, "declared", "declared.toml")))
     c.step()
     c.inject("current_stuck", {"joint": 1})
     c.installation.declare(payload=(3.0, 0.0, 0.0, 0.0))

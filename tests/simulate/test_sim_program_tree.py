@@ -97,12 +97,12 @@ def test_a_served_text_that_is_no_urscript_is_refused_at_play(tmp_path):
     ("node", "expected"),
     [
         ("move = [0, 1]", "6 joint positions"),
-        ("wait = -1", "not negative"),
+        ("wait = -1", "from 0 to"),
         ('wait = 1\nmessage = "two kinds"', "exactly one of"),
         ('external_control = "127.0.0.1:here"', "ADDRESS:PORT"),
         ('script = "nowhere.script"', "nowhere.script"),
         ("speed = 1.0", "exactly one of"),
-        ('message = "x"\ncolour = 1', "colour is not known"),
+        ('message = "x"\ncolour = 1', "colour is not an argument"),
     ],
 )
 def test_a_wrong_node_is_named_with_what_is_expected(tmp_path, node, expected):

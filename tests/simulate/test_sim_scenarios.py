@@ -53,7 +53,7 @@ def test_every_shipped_scenario_loads_and_has_a_description(name):
 
 
 def test_all_required_scenarios_exist():
-    asked = {"fresh", "joint-wearing", "step-wear", "cold-mondays", "hot-summer", "payload-untold", "remounted", "regreased"}
+    asked = {"fresh", "joint-wearing", "step-wear", "cold-mondays", "hot-summer", "payload-undeclared", "remounted", "regreased"}
     assert asked | {"noisy-currents", "long-holiday", "joint-replaced"} <= set(scenario_names())
 
 
@@ -103,7 +103,7 @@ def test_a_hot_summer_is_hot_in_the_afternoon():
 
 def test_a_payload_comes_undeclared():
     """From day 10 on the drives carry 2 kg. The controller's model and the published payload do not change."""
-    controller = living("payload-untold")
+    controller = living("payload-undeclared")
     live_days(controller, 9.0)
     stretched = [np.zeros((1, 6))] * 3
     before = controller.arm.rigid_torque(*stretched)[0][0, 1]
@@ -228,7 +228,7 @@ def test_every_model_moves_on_any_mounting_with_a_payload(robot, mounting):
         ({"event": [{"at_day": -1, "do": "wear", "joint": 1, "percent_a_month": 5}]}, "at_day"),
         ({"event": [{"at_day": 1, "do": "wear", "joint": 0, "percent_a_month": 5}]}, "joint"),
         ({"event": [{"at_day": 1, "do": "wear", "joint": 1}]}, "percent_a_month is missing"),
-        ({"event": [{"at_day": 1, "do": "payload", "kg": 1, "told": "no"}]}, "told"),
+        ({"event": [{"at_day": 1, "do": "payload", "kg": 1, "declared": "no"}]}, "declared"),
         ({"event": [{"at_day": 1, "do": "mounting", "mounting": "sideways"}]}, "sideways"),
         ({"event": [{"at_day": 1, "do": "fault", "fault": "stall"}]}, "seconds"),
     ],

@@ -11,7 +11,7 @@ from monitor.model.robot import Robot
 from monitor.simulate.cells.cell import Cell, Cycle
 from monitor.simulate.cells.things import Bore, Grip, Hand, Layout, Leaning, Mass, Pace, Pose, Sticking, Stopping, Surface, Thing
 from monitor.simulate.machine.moves import Comply
-from monitor.simulate.program.steps import Declare, Freedrive, GiveWay, Output, Step, Wait
+from monitor.simulate.program.steps import Declare, ForceMode, Freedrive, Output, Step, Wait
 
 UR5_M = 0.817  # reach of the arm for which lengths of tools are given
 GRIPPER = 0  # digital output of the gripper
@@ -291,14 +291,14 @@ def _polishing(make: Maker) -> Cell:
     def cycle(_: int) -> Iterator[Step]:
         yield layout.to(layout.up(corner))
         yield layout.along(layout.shifted(corner, z_m=0.004))
-        yield GiveWay(Comply((0.0, 0.0, -1.0), 25.0))
+        yield ForceMode(Comply((0.0, 0.0, -1.0), 25.0))
         for k in range(4):
             across = 0.03 * k
             ends = (0.0, long_m) if k % 2 == 0 else (long_m, 0.0)
             for y in ends:
                 yield layout.along(layout.shifted(corner, x_m=across, y_m=y, z_m=0.004), blend_m=0.01, speed_m_s=0.12)
         yield Wait(0.3)
-        yield GiveWay(None)
+        yield ForceMode(None)
         yield layout.along(layout.up(corner))
         yield Wait(2.0)
 

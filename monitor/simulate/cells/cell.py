@@ -103,7 +103,7 @@ class CellAround:
             arm.contact = outside
         elif arm.contact is outside:
             arm.contact = None
-        machine.giving.felt_n = outside.force_n(at_m)
+        machine.compliance.external_force_n = outside.force_n(at_m)
 
     def _tool_at(self, q: Array) -> Array:
         tool = self.cell.layout.kinematics.at(q)

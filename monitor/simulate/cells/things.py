@@ -268,7 +268,7 @@ class Hand(Thing):
 
     def step(self, machine: Machine, tool: Tool) -> bool:
         """Whether the hand pulls."""
-        if not machine.giving.freedrive:
+        if not machine.compliance.freedrive:
             self._since_s = None
             return False
         now_s = machine.clock.now_s

@@ -22,7 +22,7 @@ from monitor.simulate.controller.scenario_player import ScenarioPlayer
 from monitor.simulate.machine.identity import Identity
 from monitor.simulate.machine.journal import CLIENT, Journal
 from monitor.simulate.machine.machine import Installation, Machine, Measurements, Watchdog
-from monitor.simulate.machine.moves import Giving, Limits, Moves
+from monitor.simulate.machine.moves import Compliance, Limits, Moves
 from monitor.simulate.machine.personality import personality_of
 from monitor.simulate.machine.registers import Recipe, Registers
 from monitor.simulate.machine.state import DEVIATES, Clock, ErrorCode, Modes, RobotMode
@@ -109,7 +109,7 @@ class Controller(Parts):
             kinematics=self.kinematics,
             limits=limits,
             moves=moves,
-            giving=Giving(self.arm, self.reference, self.kinematics, self.personality),
+            compliance=Compliance(self.arm, self.reference, self.kinematics, self.personality),
             installation=self.installation,
             journal=self.journal,
             watchdog=Watchdog(self.clock),
@@ -158,8 +158,8 @@ class Controller(Parts):
         arm, reference, measurements, tick_s = self.arm, self.reference, self.measurements, self.clock.tick_s
         if self.modes.robot != RobotMode.RUNNING:  # the brakes hold the arm
             return
-        giving = self.machine.giving
-        if giving.any and giving.step(tick_s, self._substeps, measurements.encoder_q):
+        compliance = self.machine.compliance
+        if compliance.any and compliance.step(tick_s, self._substeps, measurements.encoder_q):
             return
         if reference.at_rest and arm.stand(tick_s, measurements.true_target(reference.step(tick_s))):  # friction holds the arm
             return

@@ -89,14 +89,14 @@ def _happen(event: ScenarioEvent, work: Work, parts: Parts) -> None:
             parts.identity.joint_serials[joint] = given["serial"]
         case "payload":
             arm.carry(payload_kg=given["kg"], declared=False)
-            if given["told"]:
+            if given["declared"]:
                 installation.install(payload=(given["kg"], *arm.payload_com_m))
             else:
                 installation.declare()
         case "mounting":
             mounting = Mounting.parse(given["mounting"])
             arm.carry(mounting, declared=False)
-            if given["told"]:
+            if given["declared"]:
                 installation.install(gravity=mounting.gravity_in_base)
             else:
                 installation.declare()

@@ -15,7 +15,7 @@ from monitor.simulate.arm.physics import Arm, Target, arm_model
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import Sensors
 from monitor.simulate.machine.journal import Journal
-from monitor.simulate.machine.moves import Giving, Limits, Moves
+from monitor.simulate.machine.moves import Compliance, Limits, Moves
 from monitor.simulate.machine.personality import Personality
 from monitor.simulate.machine.registers import Registers
 from monitor.simulate.machine.state import Clock, Modes, Supervisor
@@ -188,7 +188,7 @@ class Machine:
     kinematics: Kinematics
     limits: Limits
     moves: Moves
-    giving: Giving
+    compliance: Compliance
     installation: Installation
     journal: Journal
     watchdog: Watchdog

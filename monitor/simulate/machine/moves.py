@@ -270,14 +270,14 @@ class Comply:
     speed_max_m_s: float = 0.05
 
 
-class Giving:
+class Compliance:
     """Force control and freedrive of one arm; a controller without them holds its path."""
 
     def __init__(self, arm: Arm, reference: Reference, kinematics: Kinematics, personality: Personality) -> None:
         self._arm, self._reference, self._kinematics, self._personality = arm, reference, kinematics, personality
         self._comply: Comply | None = None
         self.freedrive = False
-        self.felt_n: Array = np.zeros(3)  # (3,) force from outside at the tool, along the axes of the base
+        self.external_force_n: Array = np.zeros(3)  # (3,) force from outside at the tool, along the axes of the base
 
     def comply(self, comply: Comply | None) -> None:
         """Begin force control, or end it with None: the next move begins where the arm has been led."""
@@ -307,7 +307,7 @@ class Giving:
             return True
         if self._comply is not None:
             direction = np.array(self._comply.direction)
-            missing = self._comply.force_n + float(direction @ self.felt_n)  # what is felt pushes back
+            missing = self._comply.force_n + float(direction @ self.external_force_n)  # what is felt pushes back
             speed = float(np.clip(FORCE_GAIN_M_S_N * missing, -self._comply.speed_max_m_s, self._comply.speed_max_m_s))
             twist = np.concatenate([speed * direction, np.zeros(3)])
             self._reference.give(tick_s * self._kinematics.towards(self._reference.q, twist))

@@ -18,8 +18,8 @@ from monitor.simulate.program.language import ScriptError, Source
 from monitor.simulate.program.steps import (
     Critical,
     Declare,
+    ForceMode,
     Freedrive,
-    GiveWay,
     Join,
     Kill,
     Output,
@@ -194,10 +194,10 @@ class Player:
                 bits.digital = bits.digital | 1 << number if on else bits.digital & ~(1 << number)
             case Declare(what, figures):
                 _declare(machine, what, figures)
-            case GiveWay(comply):
-                machine.giving.comply(comply)
+            case ForceMode(comply):
+                machine.compliance.comply(comply)
             case Freedrive(begins):
-                machine.giving.freedrive = begins
+                machine.compliance.freedrive = begins
             case ProtectiveStop():
                 machine.supervisor.protective_stop("asked for by the program", ASKED)
 

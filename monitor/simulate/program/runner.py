@@ -275,7 +275,7 @@ class Programs:
         machine.watchdog.clear()
         machine.modes.popup = ""
         machine.moves.forget()
-        machine.giving.end()
+        machine.compliance.end()
         if reference.mode != "stop" or reference.queued:
             reference.stop(PROGRAM_STOP_RAD_S2)
         return True

@@ -128,7 +128,7 @@ class Critical:
 
 
 @dataclass(frozen=True, slots=True)
-class GiveWay:
+class ForceMode:
     """The beginning of force control, or its end with None."""
 
     comply: Comply | None
@@ -142,7 +142,7 @@ class Freedrive:
 
 
 Threading = Run | Kill | Join | Critical
-Acting = Write | PathProgress | Say | Declare | Output | ProtectiveStop | Watch | GiveWay | Freedrive
+Acting = Write | PathProgress | Say | Declare | Output | ProtectiveStop | Watch | ForceMode | Freedrive
 Step = Move | StopMotion | Servo | Speed | Wait | Popup | Acting | Threading
 
 STEPS = frozenset(  # the calls that make a step

@@ -60,7 +60,7 @@ def play(*, ticker: Ticker, seed: int = 0, keep: Path | None = None, as_json: bo
     console = Console(stderr=as_json, width=None if sys.stdout.isatty() else PLAIN_WIDTH)
     state, received = DemoState(), Received()
     ticker.activity = lambda: state.activity
-    with ExitStack() as stack, _blaming(console):
+    with ExitStack() as stack, _busy_machine_named(console):
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         configuration = demo_configuration(study_folder(keep, stack, "demo"), free_host(), endpoint)
         remote = stack.enter_context(simulated_arm(configuration.robot.host, seed))
@@ -95,7 +95,7 @@ def play(*, ticker: Ticker, seed: int = 0, keep: Path | None = None, as_json: bo
 
 
 @contextmanager
-def _blaming(console: Console) -> Iterator[None]:
+def _busy_machine_named(console: Console) -> Iterator[None]:
     """An error on a busy machine is said to be one: nothing here depends on time but that everything answers in time."""
     try:
         yield

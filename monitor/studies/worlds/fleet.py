@@ -31,7 +31,7 @@ from monitor.studies.worlds.laws import (
 JOINTS = len(SIZE_NM)
 WITHIN_STD = 0.003, 0.008  # of log F within a replay, drawn for each
 SHARE_STD, SHARE_RHO = (0.03, 0.08), 0.5  # of log fv between replays at the same F: one fit cannot part the two well; drawn for each joint
-BESIDE_STD = 0.004  # of log F at the slow and the fast speed, beside what follows from F at the reference speed and from fv
+SPEED_STD = 0.004  # of log F at the slow and the fast speed, beside what follows from F at the reference speed and from fv
 MISFIT, FLOOR = 0.06, 0.02  # what the fit leaves: of viscous friction, whose curve it misses, and of the joint's size
 RESIDUAL_STD, RESIDUAL_RHO = 0.08, 0.5  # of the logarithm of what it leaves
 
@@ -141,18 +141,18 @@ class WorldFleet:
         share = fv * REFERENCE_RAD_S / (fc + fv * REFERENCE_RAD_S)
         error = rng.uniform(*SHARE_STD, shape[1:]) * autoregressive(rng.normal(size=shape), SHARE_RHO)
         self._share = np.clip(share * np.exp(error), 0.05, 0.95)
-        self._slow, self._fast = (self._beside(v, fv * error, rng) for v in (SLOW_RAD_S, FAST_RAD_S))
+        self._slow, self._fast = (self._at_speed(v, fv * error, rng) for v in (SLOW_RAD_S, FAST_RAD_S))
         missed = MISFIT * viscous * self.law.parts(REFERENCE_RAD_S, grease)[1]
         scatter = RESIDUAL_STD * autoregressive(rng.normal(size=shape), RESIDUAL_RHO)
         self._residual = np.hypot(missed, FLOOR * SIZE_NM) * np.exp(self._misfit + self._gain + scatter)  # [N·m]
         self._measured = np.rint((self.heat.motor_c + self._sensor_k + 0.01 * rng.normal(size=shape)) / SENSOR_STEP_K) * SENSOR_STEP_K
         self._warming = self.heat.warming_k_per_min + 0.03 * rng.normal(size=shape)
 
-    def _beside(self, speed_rad_s: float, error_nm_s_per_rad: Array, rng: np.random.Generator) -> Array:
+    def _at_speed(self, speed_rad_s: float, error_nm_s_per_rad: Array, rng: np.random.Generator) -> Array:
         """(R, A, J) log F that the fit finds at another speed, whose error turns the line about the reference speed."""
         torque = self.law.torque(speed_rad_s, self.heat.grease_c, np.exp(self._dry), np.exp(self._viscous))
         turned = error_nm_s_per_rad * (speed_rad_s - REFERENCE_RAD_S) / torque
-        own = BESIDE_STD * rng.normal(size=torque.shape)
+        own = SPEED_STD * rng.normal(size=torque.shape)
         result: Array = np.log(torque) + self._gain + (self._y - self._truth) + turned + own
         return result
 

@@ -151,7 +151,7 @@ def world_document(healthy: Verdicts, worn: Verdicts) -> dict[str, Any]:
             "by_life": _by_life(healthy),
             **rates,
         },
-        "payload_told": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
+        "payload_found": {"arms": int(np.isfinite(healthy.payload.first).sum()), "of": int(fleet.undeclared.any(axis=0).sum())},
         "detection": [_detection(worn, k) for k in range(len(world.wear))],
         "interval_90": {"healthy": healthy.coverage.share(0), "worn": worn.coverage.share(1)},
         "goal": {

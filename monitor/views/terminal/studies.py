@@ -99,7 +99,7 @@ def print_world(document: dict[str, Any]) -> None:
         again = str(rate["again"]) if "again" in rate else ""
         table.add_row(name, str(rate["events"]), again, f"{rate['per_year']:.3f}", f"{rate['at_most']:.3f}", asked)
     console.print(table)
-    payload, wrong = document["payload_told"], false["payload"]["events"]
+    payload, wrong = document["payload_found"], false["payload"]["events"]
     if payload["of"]:
         console.print(
             f"payload_contradiction in {payload['arms']} of {payload['of']} arms that carry what nobody declared; {wrong} elsewhere"
