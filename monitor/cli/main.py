@@ -7,8 +7,9 @@ inside of their functions, so that `--help` is quick.
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from types import ModuleType
 from typing import Annotated, Any, cast
 
 import typer
@@ -82,25 +83,45 @@ class WholeHelp(TyperGroup):
 # in the order of --help
 TOPICS = (init, daemon, simulate, identify, design, alerts, maintenance, judge, motion, history, reports, plant, gateway)
 
-app = typer.Typer(
-    name="joint-monitor",
-    help="Friction health of a robot arm: replay, re-identify, track, and tell over Zenoh.",
-    no_args_is_help=True,
-    cls=WholeHelp,
-    add_completion=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # brackets in a help text are units, not markup
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for _topic in TOPICS:
-    for _name, _function in _topic.COMMANDS.items():
-        app.command(name=_name, cls=Command)(_function)
-    for _name, _group in getattr(_topic, "GROUPS", {}).items():
-        _words = typer.Typer(cls=WholeHelp, rich_markup_mode=None)
-        _words.callback(invoke_without_command=True)(_group.default)
-        for _word, _function in _group.words.items():
-            _words.command(name=_word, cls=Command)(_function)
-        app.add_typer(_words, name=_name)
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"joint-monitor {__version__}")
+        raise typer.Exit
+
+
+def _common(
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and leave.")] = False,
+) -> None:
+    pass
+
+
+def program(topics: Sequence[ModuleType]) -> typer.Typer:
+    """The program with the commands of these topics."""
+    made = typer.Typer(
+        name="joint-monitor",
+        help="Friction health of a robot arm: replay, re-identify, track, and tell over Zenoh.",
+        no_args_is_help=True,
+        cls=WholeHelp,
+        add_completion=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,  # brackets in a help text are units, not markup
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(_common)
+    for topic in topics:
+        for name, function in topic.COMMANDS.items():
+            made.command(name=name, cls=Command)(function)
+        for name, group in getattr(topic, "GROUPS", {}).items():
+            words = typer.Typer(cls=WholeHelp, rich_markup_mode=None)
+            words.callback(invoke_without_command=True)(group.default)
+            for word, function in group.words.items():
+                words.command(name=word, cls=Command)(function)
+            made.add_typer(words, name=name)
+    return made
+
+
+app = program(TOPICS)
 
 
 def _with_option(line: list[str], said: str, with_value: set[str]) -> list[str] | None:
@@ -138,24 +159,13 @@ def main() -> None:
     """Run the program. A user's mistake becomes a sentence on standard error and an exit code, never a traceback."""
     # set before numpy is imported: with matrices of 60 columns, several threads take several times as long as one
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    # a daemon lives for months, and need not hold the parameters of every other command
+    named = [topic for topic in TOPICS if sys.argv[1:] and sys.argv[1] in topic.COMMANDS]
     try:
-        app()
+        (program(named) if named else app)()
     except MonitorError as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         sys.exit(error.exit_code)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of standard output has ended, as in `joint-monitor watch | head`
         sys.exit(0)
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        typer.echo(f"joint-monitor {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(
-    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and leave.")] = False,
-) -> None:
-    pass

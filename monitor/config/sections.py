@@ -114,7 +114,6 @@ def _default(field: "dataclasses.Field[Any]") -> Any:
     return ... if field.default is dataclasses.MISSING else field.default
 
 
-@cache  # a model costs some milliseconds to make, and a configuration is checked again at each reload
 def _schema(cls: type) -> type[BaseModel]:
     """The pydantic model of a room's dataclass: the same fields, no others, no NaN."""
     hints = get_type_hints(cls, include_extras=True)

@@ -16,7 +16,7 @@ from monitor.service.history.assess_and_store import adopt_orphans, load_state
 from monitor.service.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.live import LiveComparison
 from monitor.service.publisher import Publisher
-from monitor.service.replay import Borrow, Monitor, Replay
+from monitor.service.replay import Monitor, Replay
 from monitor.service.shared_state import ReplayRequests, SharedState
 from monitor.store.store import Store
 
@@ -41,7 +41,6 @@ class Daemon:
         *,
         now: Callable[[], float],
         play: Replay,
-        borrow: Borrow | None = None,
         requests: ReplayRequests | None = None,
         alive: Callable[[], None] = lambda: None,
         compute: Compute = HERE,
@@ -58,7 +57,7 @@ class Daemon:
         self.bus = Bus(configuration.bus, configuration.key_prefix)
         self.publisher = Publisher(self.bus, self.state)
         self.alerts = AlertChanges(self.state, self.publisher)
-        self.monitor = Monitor(self.state, self.publisher, play=play, borrow=borrow, alive=alive)
+        self.monitor = Monitor(self.state, self.publisher, play=play, alive=alive)
         self.live = LiveComparison(self.state, self.publisher)
         self.listener = _listener(self.state, self.publisher, compute_production) if configuration.production.listen else None
         self.duty = Duty(self.state, self.publisher)

@@ -8,7 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from monitor.acquire.driver import Driver
 from monitor.acquire.ending import judged_end, look
@@ -37,8 +37,12 @@ from monitor.store.store import Store
 log = logging.getLogger(__name__)
 
 
-class Window(Protocol):
-    """The window of the ledger for a replay whose arm a program lends: nobody knows before when it begins."""
+class ReplayWindow(Protocol):
+    """The window of the ledger for a replay: a claimed one, or one whose arm a program lends at a moment that nobody knows before."""
+
+    @property
+    def passed_by(self) -> Callable[[Reason], None]:
+        """Takes why the arm was not taken at the program's last node."""
 
     def enter(self) -> int:
         """Enter it, just before the arm may move; its number in the ledger, the same at every call. Raises StoreError, MotionRefused."""
@@ -48,6 +52,27 @@ class Window(Protocol):
 
     def given_back(self) -> None:
         """The program has its arm again."""
+
+
+class Claimed(NamedTuple):
+    """A window that the ledger has. No program lends the arm, so that none is kept waiting for it."""
+
+    ledger_id: int
+
+    @property
+    def passed_by(self) -> Callable[[Reason], None]:
+        """No node is passed by."""
+        return lambda _: None
+
+    def enter(self) -> int:
+        """It is entered."""
+        return self.ledger_id
+
+    def taken(self) -> None:
+        """No program waits."""
+
+    def given_back(self) -> None:
+        """No program waits."""
 
 
 AskAnswer = Callable[[documents.Permit, float], PermitReply | None]
@@ -104,18 +129,17 @@ def move(
     context: Context,
     *,
     caller: Caller,
-    first_pass_path: Path | Callable[[], Path],
-    ledger_id: int | None = None,
-    window: Window | None = None,
+    window: ReplayWindow | None = None,
+    first_pass_path: Path = Path("first-pass.parquet"),
     model: CompensatedModel | None = None,
     driver: Driver | None = None,
     compute: Compute = HERE,
 ) -> Recording:
-    """One replay. A slow first pass precedes it where something has changed since the last one; its recording goes to `first_pass_path`.
+    """One replay. A slow first pass precedes it where something has changed since the last one; its recording has a file of its own.
 
-    ledger_id : of the window; None: a replay by hand. window : instead, where a program lends the arm: it is entered when the arm is taken,
-    and `first_pass_path` is asked for after that. caller : whom to ask and to tell meanwhile; its `met` and `begin` are not used, because
-    who answers and that the motion begins go into the history. compute : how what was learnt for the torque band is read.
+    window : None: a replay by hand; `first_pass_path` is where the recording of its first pass goes. caller : whom to ask and to tell
+    meanwhile; its `met` and `begin` are not used, because who answers and that the motion begins go into the history. compute : how what
+    was learnt for the torque band is read.
 
     Each motion is in the history before the arm moves. An end after which the arm was not seen at rest and in order is stored as a stop.
 
@@ -126,7 +150,7 @@ def move(
 
     def enter() -> int | None:
         if window is None:
-            return ledger_id
+            return None
         window.taken()
         return window.enter()
 
@@ -187,7 +211,7 @@ def move(
         if settings.first_pass and not store.first_passes.is_latest(digest):
             slow = play(slowed(excitation, settings), slowly=True)
             note = "first pass, slow: not assessed"
-            path = first_pass_path if isinstance(first_pass_path, Path) else first_pass_path()
+            path = store.recordings.first_pass_path(window.enter()) if window is not None else first_pass_path
             written_apart(compute, path, dataclasses.replace(slow, context=dataclasses.replace(slow.context, note=note)))
             store.first_passes.add(digest, _load(context) | {"recording": path.name, "quality": dict(slow.quality)}, time.time())
             if caller.should_stop():

@@ -28,6 +28,7 @@ from monitor.service.history.assess_and_store import (
 from monitor.service.history.maintenance import maintenance_document
 from monitor.service.history.needed import needed
 from monitor.service.lending import BorrowedWindow, DueReplay, program_of
+from monitor.service.motion import Claimed, ReplayWindow
 from monitor.service.publisher import Publisher
 from monitor.service.shared_state import SharedState
 from monitor.store.history.ledger import LedgerRow
@@ -46,17 +47,11 @@ RETRY_S = 30.0  # before the second try; twice as long before the third
 class Replay(Protocol):
     """How a recording is made: over RTDE in the service, from a simulation in a study."""
 
-    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], /) -> Recording:
-        """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted."""
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow, /) -> Recording:
+        """One replay in a window. Raises MotionRefused, RobotUnreachable and ReplayAborted.
 
-
-class Borrow(Protocol):
-    """How a recording is made with an arm that a program lends."""
-
-    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: BorrowedWindow, /) -> Recording:
-        """One replay at the program's next node. Raises MotionRefused, RobotUnreachable and ReplayAborted.
-
-        The window is entered when the arm is taken, and told why it was not taken at the last node.
+        Where a program lends the arm, it is made at the program's next node: the window is entered when the arm is taken, and told why it
+        was not taken at the last node.
         """
 
 
@@ -69,12 +64,11 @@ class Monitor:
         publisher: Publisher,
         *,
         play: Replay,
-        borrow: Borrow | None = None,
         alive: Callable[[], None],
     ) -> None:
-        """`alive` is called often while a replay or an assessment is under way. borrow : None where no program ever lends the arm."""
+        """`alive` is called often while a replay or an assessment is under way."""
         self._state, self._store, self._publisher, self._now = state, state.store, publisher, state.now
-        self._play, self._borrow, self._alive = play, borrow, alive
+        self._play, self._alive = play, alive
         self.unassessed: Reason | None = None  # why a recording waits for its assessment
         self._failed: dict[int, int] = {}  # tries to assess a recording that ended without an outcome, by its window
         self._retry_at = 0.0  # monotonic
@@ -105,10 +99,7 @@ class Monitor:
                 return None
             self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
-            row = self._store.ledger.row(ledger_id)
-            self._publisher.replay_ended(row)
-            self._log_end(row)
-            return row
+            return self._ended(ledger_id)
 
     def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[Reason], None]) -> LedgerRow | Reason:
         """Wait for the program's node, and replay there: the row of that, or why the arm was not taken while `waits` was true.
@@ -118,7 +109,6 @@ class Monitor:
 
         Raises nothing for what a robot may do, as `perform`. Raises StoreError.
         """
-        assert self._borrow is not None
 
         def ask_program() -> str | None:
             return program_of(self.configuration.driver, self.configuration.robot.host)
@@ -131,7 +121,7 @@ class Monitor:
                 return self._should_stop() or window.back_for_s > self.configuration.schedule.grace_s
 
             try:
-                recording = self._borrow(self.configuration.excitation, self.configuration.context, should_stop, window)
+                recording = self._play(self.configuration.excitation, self.configuration.context, should_stop, window)
             except Exception as error:
                 needs_a_person = isinstance(error, ReplayAborted) and error.needs_a_person
                 if window.ledger_id is None and isinstance(error, MonitorError) and not needs_a_person:
@@ -144,10 +134,7 @@ class Monitor:
                 self._end(number, error)
             else:
                 self._learn(window.enter(), recording)
-            row = self._store.ledger.row(window.enter())
-        self._publisher.replay_ended(row)
-        self._log_end(row)
-        return row
+        return self._ended(window.enter())
 
     def note_due(self, due: DueReplay | None) -> None:
         """Take which replay waits for the program's node; None where none does."""
@@ -211,13 +198,17 @@ class Monitor:
         self._publisher.info()
         self._publisher.health()
 
-    def _log_end(self, row: LedgerRow) -> None:
+    def _ended(self, ledger_id: int) -> LedgerRow:
+        """Say how a window ended; its row."""
+        row = self._store.ledger.row(ledger_id)
+        self._publisher.replay_ended(row)
         fields = {"replay": row.id, "verdict": row.state}
         health = self._state.health
         if row.state == "assessed" and health is not None:
             log.info("replay=%d verdict=assessed health=%s why=%r", row.id, health.state, health.why.text, extra=fields)
         else:
             log.warning("replay=%d verdict=%s reason=%r", row.id, row.state, row.reason_text, extra=fields)
+        return row
 
     def _perform(self, ledger_id: int, closes_unix_s: float) -> None:
         try:
@@ -283,7 +274,7 @@ class Monitor:
         while True:
             number += 1
             try:
-                return self._play(self.configuration.excitation, self.configuration.context, self._should_stop)
+                return self._play(self.configuration.excitation, self.configuration.context, self._should_stop, Claimed(ledger_id))
             except (ReplayAborted, RobotUnreachable) as error:
                 if isinstance(error, ReplayAborted):
                     aborted = error

@@ -23,10 +23,9 @@ from monitor.service.computing import HERE, Apart
 from monitor.service.daemon import Daemon
 from monitor.service.history.assess_and_store import misfit
 from monitor.service.housekeeping import Housekeeping
-from monitor.service.lending import BorrowedWindow
 from monitor.service.main_loop import WORKER_PATIENCE_S, MainLoop, Reloader, Workers
 from monitor.service.monitor_document import MonitorDocument
-from monitor.service.motion import move, permit_by, progress_log
+from monitor.service.motion import ReplayWindow, move, permit_by, progress_log
 from monitor.service.node import NodeServer
 from monitor.service.problems import Problems
 from monitor.service.replay import Replay
@@ -77,9 +76,7 @@ def serve(
         if replay_now:
             requests.request()
 
-        def over_rtde(
-            excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: BorrowedWindow | None = None, /
-        ) -> Recording:
+        def over_rtde(excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow, /) -> Recording:
             return _replay_over_rtde(daemon, store, excitation, context, should_stop, window)
 
         def alive() -> None:
@@ -94,7 +91,6 @@ def serve(
                 store,
                 now=clocks.now,
                 play=play or over_rtde,
-                borrow=over_rtde,
                 requests=requests,
                 alive=alive,
                 compute=HERE if trial else Apart(alive),
@@ -196,24 +192,14 @@ def _check_fits(configuration: Configuration, store: Store) -> None:
 
 
 def _replay_over_rtde(
-    daemon: Daemon,
-    store: Store,
-    excitation: Excitation,
-    context: Context,
-    should_stop: Callable[[], bool],
-    window: BorrowedWindow | None,
+    daemon: Daemon, store: Store, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow
 ) -> Recording:
-    """The replay of the window that the ledger has claimed last, or of one that is claimed when a program lends the arm."""
-
-    def number() -> int:
-        return store.ledger.rows(limit=1)[0].id if window is None else window.enter()
-
-    ledger_id = number() if window is None else None
+    """One replay with the arm."""
     log_progress = progress_log()
 
     def on_progress(at: ReplayProgress) -> None:
         log_progress(at)
-        if window is not None and at.passed_by is not None:
+        if at.passed_by is not None:
             window.passed_by(at.passed_by)
 
     return move(
@@ -222,15 +208,13 @@ def _replay_over_rtde(
         excitation,
         context,
         caller=Caller(
-            announce=lambda about: daemon.publisher.replay_announced(number(), about),
+            announce=lambda about: daemon.publisher.replay_announced(window.enter(), about),
             ask=permit_by(daemon.bus.ask_permit),
             should_stop=should_stop,
             forbidden=lambda: None if daemon.state.configuration.replay.allow_motion is True else MOTION_NO_LONGER_ALLOWED(),
             on_progress=on_progress,
         ),
-        ledger_id=ledger_id,
         window=window,
-        first_pass_path=lambda: store.recordings.first_pass_path(number()),
         model=daemon.state.torque_model,
         compute=daemon.state.compute,
     )

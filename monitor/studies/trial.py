@@ -22,6 +22,7 @@ from monitor.errors import BadInput, MonitorError
 from monitor.model.fourier import Excitation
 from monitor.reason import joint_name
 from monitor.recording import DAY_S, Context, Recording
+from monitor.service.motion import ReplayWindow
 from monitor.service.run import Running, serve
 from monitor.service.scheduler import Clocks
 from monitor.simulate.arm.physics import drive_gain
@@ -220,12 +221,12 @@ class TrialArm:
             self._unix_s += passed_s
             self.obstacle = ""
 
-    def play(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+    def play(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow) -> Recording:
         """One replay, stepped by the simulator's physics in a fraction of its time; the clock stands meanwhile, then it is as much later.
 
         Raises BadInput as MotionRefused would be where the simulated controller does not let a program run.
         """
-        del should_stop  # a stepped replay is over before anybody could ask
+        del should_stop, window  # a stepped replay is over before anybody could ask, and no program lends a simulated arm
         with self._clock.held():
             self.follow(0.0)
             with self._lock:

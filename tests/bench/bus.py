@@ -10,7 +10,6 @@ import multiprocessing as mp
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -37,7 +36,7 @@ def answer(asked: Connection) -> None:
     from monitor.simulate.stepped import stepped_replay
     from monitor.store.store import Store
 
-    def play(excitation: Any, context: Any, should_stop: Callable[[], bool]) -> Any:
+    def play(excitation: Any, context: Any, *_: Any) -> Any:
         recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
         return replace(recording, context=replace(context, firmware=recording.context.firmware))
 

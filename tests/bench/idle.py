@@ -27,7 +27,7 @@ from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import write_recording
 
-MOST_MIB, MOST_SHARE = 80.0, 1.0  # of each further daemon, its listener included; % of a core
+MOST_MIB, MOST_SHARE = 56.0, 0.8  # of each further daemon, its listener included; % of a core
 ARMS = "127.0.92."  # addresses of simulated arms
 BUSES = "127.0.93."  # of the daemons
 UNIT = Path(__file__).parents[2] / "deploy" / "joint-monitor@.service"

@@ -265,7 +265,7 @@ def running(config: Path, clock: Clock, play: Play) -> Iterator[Running]:
     """The daemon of a configuration with its bus, schedule, upkeep, page and metrics; every replay is had from `play`."""
     configuration = load(config)
 
-    def had(_: Any, context: Any, __: Callable[[], bool]) -> Recording:
+    def had(_: Any, context: Any, *__: Any) -> Recording:
         recording = play()
         seen = {"firmware": recording.context.firmware, "serial": recording.context.serial}
         return replace(recording, context=replace(context, **seen))

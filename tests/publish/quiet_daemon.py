@@ -16,7 +16,7 @@ from monitor.simulate.stepped import stepped_replay
 from monitor.store.store import Store
 
 
-def play(excitation, context, should_stop):
+def play(excitation, context, should_stop, window):
     recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
     return replace(recording, context=replace(context, firmware=recording.context.firmware))
 

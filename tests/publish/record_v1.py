@@ -52,7 +52,7 @@ ASKED = {
 }
 
 
-def play(excitation, context, should_stop):
+def play(excitation, context, should_stop, window):
     recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), replace(excitation, repetitions=1))
     return replace(recording, context=replace(context, firmware=recording.context.firmware))
 

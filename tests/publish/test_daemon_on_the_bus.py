@@ -55,7 +55,7 @@ class Arm:
     def now(self) -> float:
         return self.clock_unix_s
 
-    def play(self, excitation, context, should_stop):
+    def play(self, excitation, context, should_stop, window):
         return replace(self.recording, context=replace(context, firmware=self.recording.context.firmware))
 
 

@@ -50,7 +50,7 @@ class Cell:
     def now(self) -> float:
         return self.clock_unix_s
 
-    def play(self, excitation, context, should_stop) -> Recording:
+    def play(self, excitation, context, should_stop, window) -> Recording:
         t = np.arange(125) * 0.008
         q = self.rng.normal(size=(125, 6))
         return Recording(

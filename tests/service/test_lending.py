@@ -329,7 +329,7 @@ def test_a_fault_before_the_arm_was_taken_is_in_the_ledger_and_is_no_borrowing(t
 
     with (
         Store.open(tmp_path / "history") as store,
-        Daemon(settings, store, now=lambda: START, play=fails, borrow=fails) as daemon,
+        Daemon(settings, store, now=lambda: START, play=fails) as daemon,
     ):
         row = daemon.monitor.borrow(due, lambda: True, lambda _: None)
         assert (row.state, row.reason_text) == ("aborted", "internal: TypeError: a fault")

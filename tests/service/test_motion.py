@@ -171,6 +171,7 @@ DYING = """
 import os, signal, sys
 from pathlib import Path
 sys.path[:] = sys.argv[2:]
+from monitor.service.motion import Claimed
 from test_motion import *
 configuration = load(Path(sys.argv[1]))
 class Dying(MovingSession):
@@ -179,7 +180,7 @@ class Dying(MovingSession):
             os.kill(os.getpid(), signal.SIGKILL)
         return super().frames(timeout_s)
 with Store.open(configuration.state_directory) as store:
-    moved(configuration, store, ScriptedDriver(Dying()), ledger_id=store.ledger.claim(1.0, "scheduled", 1.0))
+    moved(configuration, store, ScriptedDriver(Dying()), window=Claimed(store.ledger.claim(1.0, "scheduled", 1.0)))
 """
 
 

@@ -146,7 +146,7 @@ def grow(store, replays):
             db.executemany("INSERT INTO friction VALUES (?, ?, ?, ?)", [(number, joint, at, text) for joint, text in rows])
 
 
-def no_arm(excitation, context, should_stop):
+def no_arm(excitation, context, should_stop, window):
     """A replay that must not be played."""
     raise AssertionError("nothing moves here")
 

@@ -25,6 +25,7 @@ from monitor.judge.drift.settings import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.reason import Reason
 from monitor.recording import Array, Context, Recording
+from monitor.service.motion import ReplayWindow
 from monitor.simulate.launch import ended
 from monitor.simulate.remote import Remote
 
@@ -167,7 +168,7 @@ class DemoReplay:
     def __init__(self, configuration: Configuration, remote: Remote, state: DemoState) -> None:
         self._configuration, self._remote, self._state = configuration, remote, state
 
-    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool]) -> Recording:
+    def __call__(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], _: ReplayWindow) -> Recording:
         """One replay. Raises MotionRefused, RobotUnreachable and ReplayAborted like `replay`."""
         if self._state.day in LIVE_DAYS:
             return self._undisturbed(excitation, context, lambda: self._live(excitation, context, should_stop))
