@@ -52,6 +52,7 @@ def test_gains_of_a_simulated_arm_are_found_within_3_percent(pair):
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), found.std)
 
 
+@pytest.mark.slow
 def test_a_wrong_mass_scales_all_gains_and_its_uncertainty_is_part_of_theirs(pair):
     """Twice the stated mass gives gains twice as large, to 1 %. An uncertainty of 10 % adds 10 % that is common to all joints."""
     found = payload_gains(*pair, UR5, GROUND, PAYLOAD_KG, COM_M)

@@ -69,6 +69,7 @@ def test_a_simulated_arm_contradicts_every_wrong_mounting_and_no_right_one(repla
     assert "yaw) never shows" in warning.text
 
 
+@pytest.mark.slow
 def test_yaw_never_matters(replayed):
     """A base turned about the vertical feels the same gravity: no warning for any yaw of the right mounting."""
     real, moved, torque = replayed

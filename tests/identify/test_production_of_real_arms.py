@@ -65,6 +65,7 @@ def level(found, load_nm):
     return np.einsum("jk,jk->j", columns, richer.friction)
 
 
+@pytest.mark.slow
 def test_intervals_of_production_hold_what_a_third_run_finds(ur10e):
     """One run as the replay, another as work: 34 of 36 intervals hold what a replay of the first one's motion would find in the third.
 

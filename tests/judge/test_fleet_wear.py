@@ -74,6 +74,7 @@ def test_a_fleet_that_wears_along_one_path_says_so_and_how_long_it_takes():
     assert found.life_spread < 0.5
 
 
+@pytest.mark.slow
 def test_joints_that_rise_slowly_are_counted_as_beginnings_of_wear():
     """Ten joints of 40 began to wear in 28 joint-years, and no healthy one is among them."""
     model = json.loads(document_text())["models"]["ur5"]

@@ -61,6 +61,7 @@ def test_a_holiday_causes_no_wear_where_revolutions_are_counted():
     assert abs(wearing(count=True).last.belief.filter_state.innovation[1]) < 0.03
 
 
+@pytest.mark.slow
 def test_remaining_life_is_given_in_revolutions():
     """The wear per revolution is constant: from +12.6 % to +30 % at 0.3 % a working day of 4000 revolutions."""
     friction_2 = wearing(count=True).last.friction[1]

@@ -159,6 +159,7 @@ def test_a_state_without_a_history_goes_on_along_a_straight_line():
     assert wear_paths(replace(joints, history=empty_history(state.joints, SLOTS)), 1, 0, state.joints_per_arm, DRIFT) is None
 
 
+@pytest.mark.slow
 def test_a_joint_that_did_not_production_has_no_path():
     """Replays of one hour, or of a joint without work: nothing is divided by no work, and the path is straight."""
     state, _ = worn_fleet("straight", 2, 0.5)
@@ -178,6 +179,7 @@ def test_the_sentence_names_what_the_days_assume():
     assert assumptions(rows).text == "Shoulder (joint 2): the limit in 200 d if friction goes on along a straight line."
 
 
+@pytest.mark.slow
 def test_wear_of_one_joint_leaves_the_paths_of_others_alone() -> None:
     """A joint that does not wear has no date and no path."""
     state, _ = worn_fleet("straight", 2, 0.5)

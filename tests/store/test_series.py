@@ -144,6 +144,7 @@ def test_an_invalid_interval_is_refused(text):
         interval_s(text)
 
 
+@pytest.mark.slow
 def test_the_mounting_of_a_recording_counts_unless_the_user_gives_another(recordings, tmp_path):
     """The file's mounting has precedence over the default of the series, and the manifest's over the file's."""
     hung = tmp_path / "hung.parquet"
