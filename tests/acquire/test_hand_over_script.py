@@ -180,6 +180,7 @@ def test_a_replay_in_between_is_followed_by_the_next_node(tmp_path):
     assert np.allclose(cell.controller.reference.q, before, atol=1e-3)
 
 
+@pytest.mark.soak
 def test_a_minute_after_a_good_hand_back_the_program_still_plays(tmp_path):
     """The withdrawal of the number may come late, as long as the beat goes on: the arm stands, and nothing is left that stops it later."""
     cell = Cell(tmp_path)

@@ -24,7 +24,10 @@ def worked(name: str, seconds: float, **changes: object):
     }
 
 
-@pytest.mark.parametrize("robot", robot_names())
+SOME = ("ur3", "ur10e", "ur30")
+
+
+@pytest.mark.parametrize("robot", [*SOME, *(pytest.param(name, marks=pytest.mark.soak) for name in robot_names() if name not in SOME)])
 def test_every_cell_fits_every_arm(robot):
     """All joint targets of twelve cycles are within the ranges of the joints, and all lines end where the arm reaches."""
     arm = load_robot(robot)
