@@ -76,7 +76,7 @@ class AlertChanges:
 
     def _take(self, declared: Declared) -> None:
         """Take the state after work, and publish what it changed. The caller holds `revising`."""
-        self._state.take_amended(declared.state)
+        self._state.estimator = declared.state
         assert declared.answer.maintenance is not None
         self._publisher.say(declared.answer.maintenance)
         self._publisher.newest_friction(declared.answer.maintenance.joint)
@@ -130,7 +130,7 @@ class AlertChanges:
         by, why : of the person who changed it; None where nobody did.
         """
         events = self._store.events.revise(health.as_document(), [{"kind": kind, **alert_document(alert), "by": by, "why": why}], at)
-        self._state.take_health(health)
+        self._state.estimator = dataclasses.replace(self._state.estimator, health=health)
         self._publisher.alert(alert)
         self._publisher.health()
         for event in events:

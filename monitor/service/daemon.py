@@ -86,7 +86,7 @@ class Daemon:
         now, configuration = self._now(), self.state.configuration
         due = self.state.due
         why = nothing_learnt(configuration, self._store, now, due)
-        self.state.take_nothing_learnt(why)
+        self.state.nothing_learnt = why
         self.alerts.look(situation(configuration, self._store, now, self.heard, due))
         return why
 

@@ -48,10 +48,10 @@ class Handlers:
             "cmd/unack": (UnackRequest, self.unacknowledge),
             "cmd/shelve": (ShelveRequest, self.shelve),
             "cmd/unshelve": (UnshelveRequest, self.unshelve),
-            "cmd/serviced": (ServicedRequest, self.serviced),
-            "cmd/unserviced": (UndoServicedRequest, self.undo_serviced),
-            "cmd/inspected": (InspectedRequest, self.inspected),
-            "cmd/uninspected": (UndoInspectedRequest, self.undo_inspected),
+            "cmd/serviced": (ServicedRequest, self._alerts.serviced),
+            "cmd/unserviced": (UndoServicedRequest, self._alerts.undo_serviced),
+            "cmd/inspected": (InspectedRequest, self._alerts.inspected),
+            "cmd/uninspected": (UndoInspectedRequest, self._alerts.inspected),
             "cmd/replay": (ReplayRequest, self.replay),
         }
         answers: dict[str, Callable[[Mapping[str, Any]], Document]] = {"torque": self.torque, "history": self.history, "event": self.events}
@@ -138,22 +138,6 @@ class Handlers:
             return unshelve(health, command.joint, command.condition, by=command.by, at_unix_s=at)
 
         return self._alerts.by_person("unshelved", command, change)
-
-    def serviced(self, command: ServicedRequest) -> documents.Answer:
-        """A person declares work on a joint."""
-        return self._alerts.serviced(command)
-
-    def undo_serviced(self, command: UndoServicedRequest) -> documents.Answer:
-        """A person takes the last declared work on a joint back."""
-        return self._alerts.undo_serviced(command)
-
-    def inspected(self, command: InspectedRequest) -> documents.Answer:
-        """A person records a check."""
-        return self._alerts.inspected(command)
-
-    def undo_inspected(self, command: UndoInspectedRequest) -> documents.Answer:
-        """A person takes the last record of a check back."""
-        return self._alerts.inspected(command)
 
     def replay(self, command: ReplayRequest) -> documents.Answer:
         """A person asks for a replay; conditions, guard and permit decide as for any other."""

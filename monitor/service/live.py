@@ -59,7 +59,7 @@ class LiveComparison:
 
     def sample(self, q: Array, qd: Array, qdd: Array, current: Array, temperature_c: Array) -> None:
         """Publish predicted against measured torque of one sample; all (J,) [rad, rad/s, rad/s², A, °C]."""
-        self._state.take_temperature(temperature_c)
+        self._state.temperature_c = temperature_c
         now, live = self._state.now(), self._state.live_torque
         dt_s = self._state.production_motion.moved(now, qd)
         if live is None:

@@ -280,7 +280,7 @@ class ProductionListener:
                 made_with=made_with(configuration),
             )
             self._information, self._kept_at = kept, now
-            self._state.take_amended(EstimatorState(belief=verdict.belief, health=verdict.health, model=estimator.model))
+            self._state.estimator = EstimatorState(belief=verdict.belief, health=verdict.health, model=estimator.model)
         self._publisher.health()
         for transition in verdict.transitions:
             self._publisher.alert(transition.alert)

@@ -23,7 +23,7 @@ from monitor.publish.timestamps import utc, utc_if
 from monitor.recording import Context
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
-from monitor.service.history.needed import from_production_document, need_document, needed
+from monitor.service.history.needed import from_production_document
 from monitor.service.shared_state import SharedState
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.ledger import LedgerRow
@@ -149,9 +149,7 @@ class Publisher:
 
     def from_production(self) -> None:
         """Publish what came from the arm's ordinary work, and how far the next replay is; nothing before the first day of work."""
-        estimator, settings = self._state.estimator, self._state.configuration.schedule
-        found = needed(settings, self._store, estimator.belief, self._state.health)
-        document = from_production_document(self._store, estimator, need_document(settings, found))
+        document = from_production_document(self._store, self._state.estimator, self._state.configuration.schedule)
         if document is not None:
             self.say(document)
 

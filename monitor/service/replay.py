@@ -187,7 +187,7 @@ class Monitor:
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""
-        self._state.take_next_due(unix_s)
+        self._state.next_due_unix_s = unix_s
         self._publisher.health()
 
     def reconfigure(self, configuration: Configuration) -> None:
@@ -361,7 +361,7 @@ class Monitor:
         """Publish what follows from a verdict. another : of an arm or a firmware that was not known before."""
         self._alive()
         if verdict.temperature_c is not None:
-            self._state.take_temperature(verdict.temperature_c)
+            self._state.temperature_c = verdict.temperature_c
         if another:
             self._publisher.info()
         for joint in verdict.friction:

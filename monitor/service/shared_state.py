@@ -1,6 +1,5 @@
 """The state that the threads of one daemon share: settings, estimator, newest temperatures, requests for a replay, and two locks."""
 
-import dataclasses
 import logging
 import queue
 import threading
@@ -84,7 +83,7 @@ class SharedState:
         """Now : UTC, seconds since 1970. requests : None where no scheduler serves them. compute : how what is heavy is computed."""
         self.configuration, self.store, self.now, self.requests, self.compute = configuration, store, now, requests, compute
         self.robot = configuration.robot_description  # a change of it needs a restart
-        self.estimator = EstimatorState()
+        self.estimator = EstimatorState()  # the torque model in it is that of the last replay, also where belief or health changed since
         self.live_torque: LiveTorque | None = None
         self.temperature_c: Array | None = None  # (J,) the newest known, from a replay or from the arm's state
         self.next_due_unix_s: float | None = None
@@ -116,30 +115,10 @@ class SharedState:
         self.estimator = estimator
         self.prepare_live(more_var)
 
-    def take_amended(self, estimator: EstimatorState) -> None:
-        """Replace belief and health: a person has declared work without a replay. The torque model is that of the last replay still."""
-        self.estimator = estimator
-
-    def take_health(self, health: Health) -> None:
-        """Replace the health alone: an alert has changed without a replay."""
-        self.estimator = dataclasses.replace(self.estimator, health=health)
-
     def use(self, configuration: Configuration) -> None:
         """Take other settings from now on."""
         self.configuration = configuration
         self.production_motion.use(configuration.assess.residual)
-
-    def take_temperature(self, temperature_c: Array) -> None:
-        """Take the joints' newest temperatures (J,) [°C]."""
-        self.temperature_c = temperature_c
-
-    def take_next_due(self, unix_s: float | None) -> None:
-        """Take the time of the next replay; None where none is due."""
-        self.next_due_unix_s = unix_s
-
-    def take_nothing_learnt(self, why: Reason | None) -> None:
-        """Take for how long nothing was learnt; None where that is not too long."""
-        self.nothing_learnt = why
 
     def prepare_live(self, more_var: Array | None) -> None:
         """Prepare live predictions for the present model, so that no query waits for that. more_var : as `LiveTorque` takes it."""

@@ -29,7 +29,7 @@ from monitor.service import production
 from monitor.service.computing import HERE, Apart, Compute, ComputingFailed
 from monitor.service.history import status
 from monitor.service.history.assess_and_store import load_state
-from monitor.service.history.needed import from_production_document, need_document, needed
+from monitor.service.history.needed import from_production_document, needed
 from monitor.service.history.recompute import recompute, roll_back
 from monitor.service.history.report import report as report_document
 from monitor.service.history.status import schedule_document, status_document
@@ -157,7 +157,7 @@ def test_a_day_of_production_is_judged_after_midnight_and_enters_the_history_wit
     settings = plant.configuration.schedule
     found = needed(settings, plant.store, belief, health_from_document(stored.health))
     assert found.from_unix_s == pytest.approx(day.document["end_unix_s"] + 7 * DAY_S, abs=1.0)
-    said = from_production_document(plant.store, plant.state.estimator, need_document(settings, found))
+    said = from_production_document(plant.store, plant.state.estimator, settings)
     document = as_json(said)
     assert [joint.learnt_from_production for joint in said.joints] == [1] * 6
     assert [joint.learnt_from_replays for joint in said.joints] == [LIVED] * 6

@@ -6,8 +6,8 @@ import numpy as np
 
 from monitor.acquire.schedule.needed import Need, Told, need
 from monitor.acquire.schedule.windows import ScheduleSettings
-from monitor.judge.alerts.health import Health
-from monitor.judge.belief import Belief
+from monitor.judge.alerts.health import Health, health_from_document
+from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.suspicion import doubted_rise
 from monitor.judge.production_observation import ProductionObservation
@@ -58,7 +58,7 @@ def last_observation(store: Store) -> tuple[DayOfProduction, ProductionObservati
     return (rows[-1], typed(ProductionObservation, rows[-1].document, where="observation from production")) if rows else None
 
 
-def from_production_document(store: Store, state: EstimatorState, needed: NextReplay) -> FromProduction | None:
+def from_production_document(store: Store, state: EstimatorState, schedule: ScheduleSettings) -> FromProduction | None:
     """What came from the arm's ordinary work; None before the first day of work. Raises StoreError."""
     newest, belief = last_observation(store), state.belief
     if newest is None or belief is None or belief.production is None:
@@ -75,7 +75,7 @@ def from_production_document(store: Store, state: EstimatorState, needed: NextRe
         left_out_s=dict(seen.left_out_s),
         asks=list(history.asks),
         suspects=list(history.suspects),
-        next_replay=needed,
+        next_replay=need_document(schedule, needed(schedule, store, belief, state.health)),
         joints=[
             JointFromProduction(
                 joint=j + 1,
@@ -92,3 +92,12 @@ def from_production_document(store: Store, state: EstimatorState, needed: NextRe
             for j in range(belief.joints)
         ],
     )
+
+
+def stored_from_production(store: Store, schedule: ScheduleSettings) -> FromProduction | None:
+    """The same from the stored state, which is read only where a day was judged. Raises StoreError."""
+    state = store.assessments.state() if store.production.rows(limit=1) else None
+    if state is None:
+        return None
+    known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
+    return from_production_document(store, known, schedule)

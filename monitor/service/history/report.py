@@ -9,16 +9,14 @@ from typing import Any
 from monitor import __version__
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
-from monitor.judge.alerts.health import TIERS, health_from_document
-from monitor.judge.belief import belief_from_document
+from monitor.judge.alerts.health import TIERS
 from monitor.publish.documents import as_json
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.reason import Sentence, with_reasons
 from monitor.recording import DAY_S
-from monitor.service.history.assess_and_store import EstimatorState
 from monitor.service.history.inspection import inspection_document, stop_document
 from monitor.service.history.maintenance import row_document
-from monitor.service.history.needed import from_production_document, need_document, needed
+from monitor.service.history.needed import stored_from_production
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.motions import Stop
 from monitor.store.store import Store
@@ -211,15 +209,9 @@ def _graver(before: Mapping[str, Any] | None, alert: Mapping[str, Any]) -> dict[
 
 
 def _from_production(configuration: Configuration, store: Store) -> dict[str, Any]:
-    """What came from ordinary work, and how far the next replay is; nothing where no day of work was judged."""
-    state = store.assessments.state()
-    if state is None or not store.production.rows(limit=1):
-        return {}
-    known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
-    settings = configuration.schedule
-    found = needed(settings, store, known.belief, known.health)
-    document = from_production_document(store, known, need_document(settings, found))
-    return {"from_production": None if document is None else as_json(document)}
+    """What came from production, and how far the next replay is; nothing where no day of it was judged."""
+    document = stored_from_production(store, configuration.schedule)
+    return {} if document is None else {"from_production": as_json(document)}
 
 
 def _inspection(configuration: Configuration, store: Store, begin: float, end: float, now_unix_s: float) -> dict[str, Any]:

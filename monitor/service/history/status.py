@@ -15,16 +15,16 @@ from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.torque.model import model_from_document
-from monitor.publish.documents import FromProduction, as_json, worded_json
+from monitor.publish.documents import as_json, worded_json
 from monitor.publish.health_document import with_stale
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque import torque_answer
 from monitor.reason import Sentence
 from monitor.recording import DAY_S
-from monitor.service.history.assess_and_store import EstimatorState, early_alerts
+from monitor.service.history.assess_and_store import early_alerts
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
-from monitor.service.history.needed import from_production_document, need_document, needed
+from monitor.service.history.needed import need_document, needed, stored_from_production
 from monitor.service.lending import DueReplay
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
 from monitor.store.backup import present
@@ -55,7 +55,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries, borrows = store.ledger.tries(ledger), store.borrows.of(ledger)
         early = [] if state else early_alerts(store)
-        from_production = _from_production(store, state, configuration)
+        from_production = stored_from_production(store, configuration.schedule)
         inspection = inspection_document(configuration.inspection, store, now_unix_s)
     document = {
         "said_at": rfc3339(now_unix_s),
@@ -112,15 +112,6 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
         "due": None if due is None else due.document().model_dump(mode="json", include={"since", "until", "kind", "why", "tries"}),
         "last": [_window(row, tries[row.id], borrows.get(row.id)) for row in last],
     }
-
-
-def _from_production(store: Store, state: StoredState | None, configuration: Configuration) -> FromProduction | None:
-    """What came from work; None where none was judged: then nothing of the state is read."""
-    if state is None or not store.production.rows(limit=1):
-        return None
-    known = EstimatorState(belief=belief_from_document(state.belief), health=health_from_document(state.health))
-    settings = configuration.schedule
-    return from_production_document(store, known, need_document(settings, needed(settings, store, known.belief, known.health)))
 
 
 def _need(store: Store | None, settings: ScheduleSettings) -> Need:
