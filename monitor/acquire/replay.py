@@ -127,8 +127,6 @@ def replay(
         robot=robot,
         context=context or Context(),
         now_unix_s=time.time(),
-        identity=None,
-        state=None,
         # a lent arm is given back where it was taken, wherever another motion has left it
         last=dataclasses.replace(last, left=None) if settings.lent else last,
         installation=installation or Installation(),

@@ -109,8 +109,6 @@ def condition_inputs(configuration: Configuration, excitation: Excitation, conte
         robot=configuration.robot_description,
         context=context,
         now_unix_s=time.time(),
-        identity=None,
-        state=None,
     )
 
 

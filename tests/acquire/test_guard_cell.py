@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from excitations import short
+from test_guard import may_be_played
 
 from monitor.acquire.driver import ReplayTask
-from monitor.acquire.safety import conditions as guard
 from monitor.acquire.safety import of_configuration as limits
 from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
@@ -28,23 +28,23 @@ CRATE = Box(name="crate", centre_m=(0.9, 0.0, 0.1), size_m=(0.2, 0.2, 0.2))
 
 def test_the_shipped_trajectory_may_be_played_in_the_plain_cell():
     """Without this, a guard that refuses everything would pass the tests below."""
-    guard.check_all(SETTINGS, GROUND, UR5)
-    guard.check_all(SETTINGS, replace(GROUND, time_scale=0.25, repetitions=1), UR5)
+    may_be_played(SETTINGS, GROUND, UR5)
+    may_be_played(SETTINGS, replace(GROUND, time_scale=0.25, repetitions=1), UR5)
 
 
 def test_a_different_cell_is_refused_with_what_differs():
     """A box was added after the design; the message has both digests and the table that differs."""
     with pytest.raises(MotionRefused, match=rf"{PLAIN.digest}.*they differ in box; design one for this cell"):
-        guard.check_all(replace(SETTINGS, cell=Cell(name="new", boxes=(CRATE,))), GROUND, UR5)
+        may_be_played(replace(SETTINGS, cell=Cell(name="new", boxes=(CRATE,))), GROUND, UR5)
     with pytest.raises(MotionRefused, match=r"they differ in cell\.margin_m"):
-        guard.check_all(replace(SETTINGS, cell=Cell(margin_m=0.05)), GROUND, UR5)
+        may_be_played(replace(SETTINGS, cell=Cell(margin_m=0.05)), GROUND, UR5)
 
 
 def test_a_trajectory_without_a_proof_is_refused_where_a_cell_is_known():
     """A file without a proof can be read, but it is not played in a described cell."""
     with pytest.raises(MotionRefused, match="never proved against a cell"):
-        guard.check_all(SETTINGS, short(), UR5)
-    guard.check_all(replace(SETTINGS, cell=None), short(), UR5)
+        may_be_played(SETTINGS, short(), UR5)
+    may_be_played(replace(SETTINGS, cell=None), short(), UR5)
 
 
 def test_a_trajectory_that_was_changed_by_hand_is_detected():
@@ -52,7 +52,7 @@ def test_a_trajectory_that_was_changed_by_hand_is_detected():
     a, b = GROUND.a_rad_s.copy(), GROUND.b_rad_s.copy()
     offset = GROUND.offset_rad + np.array([0.0, 0.9, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(MotionRefused, match=r"does not keep clear in the cell 'plain', whatever its file says: .* short of"):
-        guard.check_all(SETTINGS, replace(GROUND, a_rad_s=a, b_rad_s=b, offset_rad=offset), UR5)
+        may_be_played(SETTINGS, replace(GROUND, a_rad_s=a, b_rad_s=b, offset_rad=offset), UR5)
 
 
 def test_an_approach_through_the_table_is_refused_and_one_from_home_is_not():

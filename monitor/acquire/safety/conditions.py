@@ -9,14 +9,9 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from monitor.acquire.safety import of_configuration, of_controller, of_installation, of_state
-from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, LastMotion, Unreported
-from monitor.acquire.safety.way import Left
-from monitor.acquire.settings import Installation, ReplaySettings
+from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult, Unreported
 from monitor.errors import DOES_NOT_HOLD, MotionRefused
-from monitor.model.fourier import Excitation
-from monitor.model.robot import Robot
 from monitor.reason import Reason
-from monitor.recording import Context
 
 
 class Condition(NamedTuple):
@@ -94,40 +89,8 @@ def _result(condition: Condition, inputs: ConditionInputs) -> ConditionResult:
         return ConditionResult(name=condition.name, holds=True, reason=unreported.reason, checked=False)
 
 
-def inputs(
-    settings: ReplaySettings,
-    excitation: Excitation,
-    robot: Robot,
-    context: Context | None = None,
-    installation: Installation | None = None,
-    left: Left | None = None,
-) -> ConditionInputs:
-    """What is known before the controller is asked, at no particular time."""
-    return ConditionInputs(
-        settings=settings,
-        excitation=excitation,
-        robot=robot,
-        context=context or Context(),
-        now_unix_s=0.0,
-        identity=None,
-        state=None,
-        installation=installation or Installation(),
-        last=LastMotion(left=left),
-    )
-
-
-def check_all(settings: ReplaySettings, excitation: Excitation, robot: Robot, context: Context | None = None) -> None:
-    """Whether this excitation may be played on this robot at all, at whatever time.
-
-    Raises MotionRefused with the reason; returns if every condition holds.
-    """
-    refuse_unless(
-        named_conditions(inputs(settings, excitation, robot, context), ("motion_allowed", "address", "trajectory", "trajectory_clear"))
-    )
-
-
 def check_quick(known: ConditionInputs) -> None:
-    """The same without the proof of clearance, which takes a second.
+    """Whether this trajectory may be played on this robot at all, without the proof of clearance, which takes a second.
 
     Raises MotionRefused.
     """

@@ -40,10 +40,10 @@ class ConditionInputs:
     settings: ReplaySettings
     excitation: Excitation
     robot: Robot
-    context: Context  # what the configuration says of the arm
-    now_unix_s: float
-    identity: Identity | None  # None: the robot has not been asked, or does not answer
-    state: ArmState | None  # None: no data has come from the robot
+    context: Context = field(default_factory=Context)  # what the configuration says of the arm
+    now_unix_s: float = 0.0
+    identity: Identity | None = None  # None: the robot has not been asked, or does not answer
+    state: ArmState | None = None  # None: no data has come from the robot
     unreachable: Reason | None = None  # why there is no identity, where the robot was asked for it
     last: LastMotion = LastMotion()
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked

@@ -16,7 +16,7 @@ import numpy as np
 from monitor.acquire.child import Lifeline, Outbox, begin, leave, request_real_time
 from monitor.acquire.driver import ReplayTask
 from monitor.acquire.protocol import Event, Order, Phase, Program
-from monitor.acquire.safety.conditions import check_quick, check_state, inputs
+from monitor.acquire.safety.conditions import check_quick, check_state
 from monitor.acquire.safety.inputs import ConditionInputs, LastMotion
 from monitor.acquire.safety.torque_band import TorqueBand, band_for
 from monitor.acquire.safety.way import Left
@@ -268,7 +268,14 @@ def main() -> None:
     gc.disable()  # the process lives for one replay; a collection would take several ticks
     arm: Arm | None = None
     try:
-        known = inputs(task.settings, task.excitation, task.robot, task.context, task.installation, task.left)
+        known = ConditionInputs(
+            settings=task.settings,
+            excitation=task.excitation,
+            robot=task.robot,
+            context=task.context,
+            installation=task.installation,
+            last=LastMotion(left=task.left),
+        )
         check_quick(known)
         outbox.message(Event.CONNECT, duration_s=0.0)
         arm = _arm(task, outbox, lifeline)
