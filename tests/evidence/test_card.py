@@ -30,6 +30,7 @@ def said(days):
     return RemainingLife(1.0, None if days is None else 0.9 * days, days, None if days is None else 1.1 * days, "trend")
 
 
+@pytest.mark.soak
 def test_the_card_has_a_row_a_world_with_its_goals():
     """With what is not counted in a world told beside it, and remaining life in a table of its own."""
     plain = judged("plain")

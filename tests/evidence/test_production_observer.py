@@ -58,6 +58,7 @@ def test_the_noise_that_the_observer_assumes_is_that_of_the_fleet(healthy):
     assert abs(np.mean(np.concatenate(pairs))) < 0.05
 
 
+@pytest.mark.soak
 def test_the_observer_sees_what_the_judge_sees(healthy):
     """As many replays and days of work of each joint, but for the wild replays that it leaves out."""
     fleet, seen, judged = healthy

@@ -44,6 +44,7 @@ def test_after_twelve_replays_temperatures_halve_the_error():
     assert 4.0 < found.range_c[0] < found.range_c[1] < 50.0
 
 
+@pytest.mark.soak
 def test_the_range_is_that_of_the_temperatures_that_count(monkeypatch):
     """A joint outside the temperatures of the study does not count for the errors, nor for the range beside them."""
     monkeypatch.setattr(torque, "WARMEST_C", 30.0)
