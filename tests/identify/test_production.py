@@ -118,9 +118,9 @@ def test_a_damaged_document_is_refused(usual, wrong):
     """Nothing is guessed."""
     document = json.loads(json.dumps(usual[1].to_document()))
     wrong(document)
-    with pytest.raises(BadInput, match="information from work"):
+    with pytest.raises(BadInput, match="information from production"):
         information_from_document(document, UR5.joints)
-    with pytest.raises(BadInput, match="information from work"):
+    with pytest.raises(BadInput, match="information from production"):
         information_from_document("no object", UR5.joints)
 
 

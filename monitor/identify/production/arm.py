@@ -1,4 +1,4 @@
-"""Which rows of work count, how long they count, and how well friction must be known."""
+"""Which rows of production count, how long they count, and how well friction must be known."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -14,10 +14,10 @@ from monitor.model.regressor import Felt, felt_columns, felt_regressor, friction
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import JOINT_COLUMNS, Array, Context, Indices, Recording
 
-# --- WorkRows: signals of the arm at work, with what tells contact, load and the way of control. Live and from files ---
+# --- ProductionRows: signals of the arm in production, with what tells contact, load and the way of control. Live and from files ---
 
 SCALARS = ("robot_mode", "safety_mode", "runtime_state", "speed_scaling")  # RTDE's names, which are the fields of `Recording` too
-# RTDE's name of a column that only work needs, the field of `WorkRows` and its width; 0 for (N,)
+# RTDE's name of a column that only production needs, the field of `ProductionRows` and its width; 0 for (N,)
 EXTRA_COLUMNS: Mapping[str, tuple[str, int]] = {
     "payload": ("payload_kg", 0),
     "payload_cog": ("payload_com_m", 3),
@@ -30,7 +30,7 @@ EXTRA_COLUMNS: Mapping[str, tuple[str, int]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProductionRows:
-    """Rows of work, N samples; the time of the first is `recording.context.recorded_at_unix_s`. A column is None where it is unknown."""
+    """Rows of production, N samples; `recording.context.recorded_at_unix_s` is the time of the first. An unknown column is None."""
 
     recording: Recording
     payload_kg: Array | None = None  # (N,) as the controller was told
@@ -46,7 +46,7 @@ class ProductionRows:
             value, N = getattr(self, field_name), self.recording.samples
             expected = (N, width) if width else (N,)
             if value is not None and value.shape != expected:
-                raise BadInput(f"{self.recording.source or 'rows of work'}: {field_name} is {value.shape}; expected {expected}")
+                raise BadInput(f"{self.recording.source or 'rows of production'}: {field_name} is {value.shape}; expected {expected}")
 
     @property
     def at_unix_s(self) -> float:
@@ -76,7 +76,7 @@ def rows_of_columns(table: Mapping[str, Array], *, at_unix_s: float | None) -> P
     """
     for needed in ("timestamp", "actual_q"):
         if needed not in table:
-            raise BadInput(f"rows of work: hold no {needed}; expected timestamp and actual_q at least")
+            raise BadInput(f"rows of production: hold no {needed}; expected timestamp and actual_q at least")
     signals: dict[str, Any] = {}
     for name, field_name in JOINT_COLUMNS.items():
         if name in table:
@@ -92,7 +92,7 @@ def rows_of_columns(table: Mapping[str, Array], *, at_unix_s: float | None) -> P
 
 
 def windows(rows: ProductionRows, length_s: float) -> list[ProductionRows]:
-    """The rows in windows of about this length, in which work is judged; a clock that leaps, or a longer pause, begins a new one."""
+    """The rows in windows of about this length, in which production is judged; a clock that leaps, or a longer pause, begins a new one."""
     t_s = rows.recording.t_s
     if not len(t_s):
         return []
@@ -104,11 +104,11 @@ def windows(rows: ProductionRows, length_s: float) -> list[ProductionRows]:
     return [rows.part(slice(int(a), int(b))) for a, b in zip([0, *edges], [*edges, len(t_s)], strict=True)]
 
 
-# --- The arm that works: its model from the last replay, and the columns by which torque is explained ---
+# --- The arm in production: its model from the last replay, and the columns by which torque is explained ---
 
 LOADS = 4  # unknowns of a load at the flange: m [kg], mx, my, mz [kg·m]
 LEAST_RMS_NM, RMS_SHARE = 1e-3, 0.01  # of a residual that is not known: of the joint's largest torque
-LAW = CONCAVE  # the friction of the last replay, from which work measures the difference; its first two terms are fc and fv
+LAW = CONCAVE  # the friction of the last replay, from which production measures the difference; its first two terms are fc and fv
 
 
 class Torques(NamedTuple):
@@ -128,7 +128,7 @@ class ProductionArm:
     identification: Identification
     gains: Array | None = None  # (J,) [N·m/A]; None: the published torque constants
     payload_kg: float | None = None  # in the hand during that replay; None: nothing, or not known
-    payload_com_m: tuple[float, float, float] | None = None  # None: where that of the work is
+    payload_com_m: tuple[float, float, float] | None = None  # None: where that of the production is
 
     def __post_init__(self) -> None:
         """Raises BadInput where the identification is of another robot."""
@@ -192,7 +192,7 @@ def rigid_places(found: Identification, columns: tuple[int, ...]) -> Indices:
     """(R,) places of these rigid columns among the base parameters of an identification. Raises BadInput where one is missing."""
     places = np.searchsorted(found.columns, columns)
     if np.any(places >= len(found.columns)) or not np.array_equal(np.array(found.columns)[places], columns):
-        raise BadInput(f"the base parameters of this {found.robot} are others than those of the work; expected the same kind of mounting")
+        raise BadInput(f"the base parameters of this {found.robot} are others than those of production; expected the same kind of mounting")
     return places
 
 

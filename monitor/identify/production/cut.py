@@ -1,4 +1,4 @@
-"""Rows of work → unbroken segments of motion on an even clock, and the seconds that are left out, by cause.
+"""Rows of production → unbroken segments of motion on an even clock, and the seconds that are left out, by cause.
 
 Here only what the controller itself says is used: modes, the program's state, the payload's register. What the torque says comes after.
 """
@@ -86,10 +86,10 @@ def cut(rows: ProductionRows, arm: ProductionArm) -> tuple[Cut | None, dict[str,
     """
     recording = rows.recording
     if recording.joints != arm.joints:
-        raise BadInput(f"{recording.source or 'rows of work'}: {recording.joints} joints; {arm.robot.name} has {arm.joints}")
+        raise BadInput(f"{recording.source or 'rows of production'}: {recording.joints} joints; {arm.robot.name} has {arm.joints}")
     rows = replace(rows, recording=at_motors(recording, arm.robot))
     recording = rows.recording
-    drive = drive_torque(recording.source or "rows of work", recording.torque, recording.current, arm.robot, arm.gains)
+    drive = drive_torque(recording.source or "rows of production", recording.torque, recording.current, arm.robot, arm.gains)
     left_out: dict[str, float] = {}
     if recording.samples < FEWEST_ROWS:
         return None, left_out
@@ -102,7 +102,7 @@ def cut(rows: ProductionRows, arm: ProductionArm) -> tuple[Cut | None, dict[str,
     rate_hz = 1.0 / float(np.mean(step[step < 1.9 * tick]))
     if rate_hz < LEAST_RATE_HZ:
         raise Unidentifiable(
-            f"{recording.source or 'rows of work'}: {rate_hz:.3g} rows a second; expected 10 or more: between fewer the motion is unknown"
+            f"{recording.source or 'rows of production'}: {rate_hz:.3g} rows a second; expected 10 or more: with fewer, motion is unknown"
         )
     left_out["torn"] = (recording.samples - len(keep)) * tick
     cause = _causes(rows, keep)

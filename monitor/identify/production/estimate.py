@@ -1,10 +1,10 @@
-"""WorkInformation → WorkEstimate: friction at the reference speed by work alone, with an honest deviation, or the reason why not.
+"""Friction at the reference speed by production alone, with its deviation, or the reason why not.
 
-Work measures the difference Δ of fc and fv from the last replay's, X Δ = torque − rigid·p − friction of the replay. Its covariance is
-(M + P)⁻¹ (κ M + G C Gᵀ + P) (M + P)⁻¹: M is the information on friction, κ how much the paths of this work differ beside what M promises
-(what the model errs by on one path does not average out there), C the covariance of the rigid parameters, which is one error common to all
-rows, and P a weak expectation that fc and fv change in proportion, which alone says something of speeds at which work does not move. How
-far friction differs from run to run, the days of the arm tell.
+Production measures the difference Δ of fc and fv from the last replay's, X Δ = torque − rigid·p − friction of the replay. Its covariance is
+(M + P)⁻¹ (κ M + G C Gᵀ + P) (M + P)⁻¹. M is the information on friction. κ is how much the paths differ beside what M promises: what the
+model errs by on one path does not average out there. C is the covariance of the rigid parameters, one error common to all rows. P is a weak
+expectation that fc and fv change in proportion, which alone says something of speeds at which the arm does not move. How far friction
+differs from run to run, the days of the arm tell.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ from monitor.recording import DAY_S, Array, Mask, known_or_none
 
 SHAPE_STD = 0.4  # by which the change of fv may differ from that of fc, as a fraction of friction
 ANYTHING = 20.0  # times the friction of the replay: what Δ is before any row
-LAW_SHARE = 0.01  # of friction for each factor e between the speeds of work and the reference speed: no law is that of the arm
+LAW_SHARE = 0.01  # of friction for each factor e between the speeds of production and the reference speed: no law is that of the arm
 LEAST_S = 5.0  # of motion of a joint that tells of it
 KNOWN_SHAPE = 0.15  # fraction of itself to which fc or fv alone must be known to be told
 UNKNOWN_LOAD = Sentence(
@@ -51,12 +51,12 @@ NO_MORE = Sentence(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProductionEstimate:
-    """What work tells of the friction of J joints at the reference speed, in one period."""
+    """What production tells of the friction of J joints at the reference speed, in one period."""
 
     reference_speed_rad_s: float
-    friction_nm: Array  # (J,) F(v*) at `temperature_c`; NaN where work told nothing
+    friction_nm: Array  # (J,) F(v*) at `temperature_c`; NaN where production told nothing
     deviation_nm: Array  # (J,) one standard deviation against what a replay would find; NaN as above
-    noise_nm: Array  # (J,) the part of it that the next period of the same work does not share
+    noise_nm: Array  # (J,) the part of it that the next period of the same production does not share
     coulomb_nm: Array  # (J,) NaN where not known by itself
     viscous_nm_s_per_rad: Array  # (J,) likewise
     temperature_c: Array  # (J,) mean over the rows that counted; NaN where unknown
@@ -113,14 +113,14 @@ def estimate(
     during: Reason | None = None,
     past: ProductionInformation | None = None,
 ) -> ProductionEstimate:
-    """What the work of the last `period_days` tells of friction.
+    """What the production of the last `period_days` tells of friction.
 
     during : how the reasons call that time; None: by its days. past : whose days tell how well friction repeats; None: of `information`.
     identification : of the last replay; its rigid parameters are taken as they are, and their covariance is part of the deviation.
     Raises BadInput where the information is of another arm.
     """
     if information.robot != identification.robot:
-        raise BadInput(f"information from work is of a {information.robot}, the identification of a {identification.robot}")
+        raise BadInput(f"information from production is of a {information.robot}, the identification of a {identification.robot}")
     J = len(identification.coulomb_nm)
     recent = information.since(now_unix_s - settings.period_days * DAY_S)
     left = recent.left_out()
@@ -197,7 +197,7 @@ class _Solved(NamedTuple):
     torque: Array
     std: Array
     noise: Array
-    common: Array  # the part of `std` that more work of the same kind leaves
+    common: Array  # the part of `std` that more production of the same kind leaves
     coulomb: Array
     viscous: Array
 
@@ -207,7 +207,7 @@ class _Solved(NamedTuple):
 
 
 def _days(information: ProductionInformation, found: Identification, settings: ProductionSettings) -> Days:
-    """Friction by the work of each day, where a day tells it to within what friction usually differs by."""
+    """Friction by the production of each day, where a day tells it to within what friction usually differs by."""
     J = len(found.coulomb_nm)
     friction, temperature = [], []
     for day in sorted({key[0] for key in information.cells}):

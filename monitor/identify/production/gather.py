@@ -1,4 +1,4 @@
-"""Segments of work → sums: rows are weighted, each segment's load is projected out, and nothing but the sums remains."""
+"""Segments of production → sums: rows are weighted, each segment's load is projected out, and nothing but the sums remains."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -47,7 +47,7 @@ def gather(
 
 
 def friction_change(information: ProductionInformation, arm: ProductionArm) -> Array:
-    """(J, 2) by how much fc and fv differ from the last replay's, by the work of the last days; 0 where it tells nothing."""
+    """(J, 2) by how much fc and fv differ from the last replay's, by the production of the last days; 0 where it tells nothing."""
     J = arm.joints
     if not information.cells:
         return np.zeros((J, 2))

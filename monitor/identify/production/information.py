@@ -1,4 +1,4 @@
-"""WorkInformation: what work has told so far, as sums that can be added, forgotten by day and kept in a file. Never a raw row."""
+"""What production has told so far, as sums that can be added, forgotten by day and kept in a file. Never a raw row."""
 
 import math
 import operator
@@ -67,7 +67,7 @@ def no_sums(joints: int, rigid: int, beyond: int, at_unix_s: float) -> Sums:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProductionInformation:
-    """What the work of one arm has told, by day and range of temperature. Information of the same arm can be added in any order."""
+    """What the production of one arm has told, by day and range of temperature. Information of the same arm can be added in any order."""
 
     robot: str
     rigid_columns: tuple[int, ...]  # (R,) columns of the regressor
@@ -82,7 +82,9 @@ class ProductionInformation:
         """What both have told. Raises BadInput where they are of different arms or were summed differently."""
         for name in ("robot", "rigid_columns", "law", "payload_kg", "temperature_bin_k"):
             if getattr(self, name) != getattr(other, name):
-                raise BadInput(f"information from work: {name} is {getattr(self, name)} and {getattr(other, name)}; expected the same")
+                raise BadInput(
+                    f"information from production: {name} is {getattr(self, name)} and {getattr(other, name)}; expected the same"
+                )
         cells = dict(self.cells)
         for key, sums in other.cells.items():
             cells[key] = cells[key] + sums if key in cells else sums
@@ -141,7 +143,7 @@ def information_from_document(document: Any, joints: int) -> ProductionInformati
     """The information in a JSON object of `to_document`. Raises BadInput saying what is missing or wrong."""
     try:
         if document["version"] != VERSION:
-            raise BadInput(f"information from work: version {document['version']!r}; expected {VERSION}")
+            raise BadInput(f"information from production: version {document['version']!r}; expected {VERSION}")
         columns = tuple(int(column) for column in document["rigid_columns"])
         beyond = len(document["cells"][0]["beyond"][0]) if document["cells"] else 0
         model = no_sums(joints, len(columns), beyond, 0.0)
@@ -151,7 +153,7 @@ def information_from_document(document: Any, joints: int) -> ProductionInformati
             for f in fields(Sums):
                 expected, value = getattr(model, f.name), np.asarray(entry[f.name], dtype=float)
                 if value.shape != np.shape(expected) or not np.all(np.isfinite(value)):
-                    raise BadInput(f"information from work: {f.name} is {value.shape}; expected {np.shape(expected)} finite numbers")
+                    raise BadInput(f"information from production: {f.name} is {value.shape}; expected {np.shape(expected)} finite numbers")
                 arrays[f.name] = value if value.ndim else float(value)
             cells[(int(entry["day"]), int(entry["bin"]))] = Sums(**arrays)
         return ProductionInformation(
@@ -167,14 +169,14 @@ def information_from_document(document: Any, joints: int) -> ProductionInformati
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as wrong:
         if isinstance(wrong, BadInput):
             raise
-        raise BadInput(f"information from work: {type(wrong).__name__}: {wrong}; expected what `to_document` made") from None
+        raise BadInput(f"information from production: {type(wrong).__name__}: {wrong}; expected what `to_document` made") from None
 
 
 def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-# --- By how much friction from work differs, as the arm itself shows: from path to path, and from day to day ---
+# --- By how much friction from production differs, as the arm itself shows: from path to path, and from day to day ---
 
 USUAL_SCALE, SCALE_WEIGHT = 1.0, 1.0  # of the variance that the rows promise, and its weight in joints
 MOST_SCALE = 4.0  # one joint says no more of the others: a few paths may agree or differ by chance
@@ -186,7 +188,7 @@ FALL_PER_K, FALL_STD_PER_K = -0.006, 0.004
 
 
 class Days(NamedTuple):
-    """Friction by the work of each day, (D, J)."""
+    """Friction by the production of each day, (D, J)."""
 
     friction_nm: Array  # NaN where that day does not tell
     temperature_c: Array  # NaN where unknown

@@ -29,7 +29,7 @@ class Layout(NamedTuple):
     joints: dict[str, list[int]]  # field of Recording → its J columns
     width: int  # fields a row
     payload: int | None = None  # column of the payload register
-    production: Mapping[str, list[int]] = MappingProxyType({})  # field of WorkRows → its column, or its columns
+    production: Mapping[str, list[int]] = MappingProxyType({})  # field of ProductionRows → its column, or its columns
 
     @property
     def read(self) -> list[int]:
@@ -40,7 +40,7 @@ class Layout(NamedTuple):
 
 
 def recorded(layout: Layout, column: Callable[[int], Array], source: str, about: Mapping[str, Any] | None = None) -> ProductionRows:
-    """The recording, and the columns that only work needs. column : gives the numbers (N,) of one column of the file.
+    """The recording, and the columns that only production needs. column : gives the numbers (N,) of one column of the file.
 
     about : the fields `context`, `quality` and `source`, where the file says them; else the payload is that of its register.
     """
@@ -109,7 +109,7 @@ def layout_by_name(source: str, names: Sequence[str]) -> Layout:
 
 
 def _production_columns(names: Sequence[str]) -> dict[str, list[int]]:
-    """The columns that only work needs, of a header: those of a field are all there, or the field is left out."""
+    """The columns that only production needs, of a header: those of a field are all there, or the field is left out."""
     found = {}
     for name, (field, count) in EXTRA_COLUMNS.items():
         wanted = [name] if not count else [f"{name}_{k}" for k in range(count)]

@@ -35,7 +35,7 @@ def read_recording(path: str | Path, columns: str | None = None) -> Recording:
 
 
 def read_production(path: str | Path, columns: str | None = None) -> ProductionRows:
-    """`read_recording` with the columns that only work needs, as far as the file has them. Raises as `read_recording`."""
+    """`read_recording` with the columns that only production needs, as far as the file has them. Raises as `read_recording`."""
     path = Path(path)
     try:
         if path.is_dir():

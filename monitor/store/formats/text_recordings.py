@@ -22,7 +22,7 @@ COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, x
 
 
 def read_text(path: Path, columns: str | None) -> ProductionRows:
-    """A recording from text, with the columns that only work needs.
+    """A recording from text, with the columns that only production needs.
 
     columns : what stands in a file without RTDE's names. Raises BadInput where the file is none.
     """

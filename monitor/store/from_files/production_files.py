@@ -34,7 +34,7 @@ CLEAR = 2.0  # deviations from which friction is another than in the replay
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ListenRequest:
-    """The recordings of work, and the arm that they are of."""
+    """The recordings of production, and the arm that they are of."""
 
     files: Sequence[Path]
     rigid: Path | None  # of the replay: its recording, or its `identify --json`
@@ -52,7 +52,7 @@ def listen_to_files(
     """The document of the command `listen`.
 
     show : is called with the file, the seconds of it that were judged, and its length. Raises BadInput, of which Unidentifiable is one,
-    where a file is no recording, or replay, arm and work do not belong together.
+    where a file is no recording, or replay, arm and production do not belong together.
     """
     arm, source = _arm(request, load_robot)
     listened = [read_production(local_file(path), request.columns) for path in request.files]
