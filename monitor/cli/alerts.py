@@ -1,6 +1,7 @@
 """The commands on alerts, which ask a running daemon (`alerts`, `ack`, `unack`, `shelve`, `unshelve`), and `schema`."""
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -8,7 +9,10 @@ from monitor.cli.options import Commands, ConfigOption, JsonOption, client_of, l
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from monitor.publish.client import Client
+    from monitor.publish.documents import Alert
 
 AlertArgument = Annotated[
     str, typer.Argument(metavar="ALERT", help="As `alerts` names it, e.g. j3/wear_rising or arm/common_mode; the beginning is enough: j3.")
@@ -40,29 +44,13 @@ def alerts(
 
 def ack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """Acknowledge an alert: somebody has seen it. It clears by itself once its condition is gone."""
-    with client_of(load_configuration(config)) as client:
-        name, joint, condition = _active_alert(client, alert)
-        done = client.acknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
-    if as_json:
-        print_json(done)
-        return
-    [*_, last] = done["acknowledgements"]
-    typer.echo(f"{name}: acknowledged by {last['by']} at {last['at']}")
-    if last["by"] != done["acknowledged_by"] or last["at"] != done["acknowledged_at"]:
-        typer.echo(f"  it was acknowledged before by {done['acknowledged_by']} at {done['acknowledged_at']}, which stays")
-    if not done["active"]:
-        typer.echo(f"  cleared: {done['cleared_why']}")
+    _act(config, alert, as_json, lambda client, which: client.acknowledge(*which, by=by, why=why), _acknowledged)
 
 
 def unack(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """Take the acknowledgements of an alert back: it waits for a person again. Who acknowledged it stays on record."""
-    with client_of(load_configuration(config)) as client:
-        name, joint, condition = _active_alert(client, alert)
-        done = client.unacknowledge(joint, condition, by=by, why=why).model_dump(mode="json")
-    if as_json:
-        print_json(done)
-    else:
-        typer.echo(f"{name}: not acknowledged any more; it waits for a person again")
+    said = "not acknowledged any more; it waits for a person again"
+    _act(config, alert, as_json, lambda client, which: client.unacknowledge(*which, by=by, why=why), lambda _: said)
 
 
 def shelve(
@@ -76,24 +64,43 @@ def shelve(
     """Shelve an alert: it stays active, and need not be shown for some hours."""
     if not 0.0 < hours <= 24.0 * LONGEST_SHELVING_DAYS:
         raise BadInput(f"--hours {hours:g}: expected more than 0, at most {24 * LONGEST_SHELVING_DAYS} ({LONGEST_SHELVING_DAYS} days)")
-    with client_of(load_configuration(config)) as client:
-        name, joint, condition = _active_alert(client, alert)
-        done = client.shelve(joint, condition, hours=hours, by=by, why=why).model_dump(mode="json")
-    if as_json:
-        print_json(done)
-    else:
-        typer.echo(f"{name}: shelved by {done['shelved_by']} until {done['shelved_until']}")
+
+    def shelved(done: dict[str, Any]) -> str:
+        return f"shelved by {done['shelved_by']} until {done['shelved_until']}"
+
+    _act(config, alert, as_json, lambda client, which: client.shelve(*which, hours=hours, by=by, why=why), shelved)
 
 
 def unshelve(config: ConfigOption, alert: AlertArgument, by: ByOption, why: WhyOption = "", as_json: JsonOption = False) -> None:
     """End the shelving of an alert: it is shown again from now on."""
+    _act(config, alert, as_json, lambda client, which: client.unshelve(*which, by=by, why=why), lambda _: "shown again")
+
+
+def _act(
+    config: Path,
+    given: str,
+    as_json: bool,
+    send: "Callable[[Client, tuple[int | None, str]], Alert]",
+    said: "Callable[[dict[str, Any]], str]",
+) -> None:
+    """Do something to the active alert that is `given`, and print the alert after it, or what is said of it."""
     with client_of(load_configuration(config)) as client:
-        name, joint, condition = _active_alert(client, alert)
-        done = client.unshelve(joint, condition, by=by, why=why).model_dump(mode="json")
+        name, joint, condition = _active_alert(client, given)
+        done = send(client, (joint, condition)).model_dump(mode="json")
     if as_json:
         print_json(done)
     else:
-        typer.echo(f"{name}: shown again")
+        typer.echo(f"{name}: {said(done)}")
+
+
+def _acknowledged(done: dict[str, Any]) -> str:
+    [*_, last] = done["acknowledgements"]
+    lines = [f"acknowledged by {last['by']} at {last['at']}"]
+    if last["by"] != done["acknowledged_by"] or last["at"] != done["acknowledged_at"]:
+        lines.append(f"  it was acknowledged before by {done['acknowledged_by']} at {done['acknowledged_at']}, which stays")
+    if not done["active"]:
+        lines.append(f"  cleared: {done['cleared_why']}")
+    return "\n".join(lines)
 
 
 def schema(

@@ -6,8 +6,8 @@ from typing import Protocol
 
 from monitor.gateway.commands import Commands
 from monitor.gateway.outbox import Outbox
-from monitor.gateway.values import ArmState, Delivery, Transition
-from monitor.plant.links import ArmName
+from monitor.gateway.values import Delivery, Transition
+from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.settings import PlantConfiguration
 
 
@@ -42,7 +42,7 @@ class Surroundings:
     language: str  # of what is told to people where a recipient has no language of his own
     link: str  # address of the plant's screen for people; empty: none
     outbox: Outbox
-    arms: Callable[[], Mapping[ArmName, ArmState]]  # as they were heard last
+    arms: Callable[[], Mapping[ArmName, HeardArm]]  # as they were heard last
     transitions: Callable[[float, float], list[Transition]]  # of all arms between two times, the oldest first
     commands: Commands
     now: Callable[[], float]

@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from monitor.errors import BadInput, StoreError
+from monitor.plant.arm import ArmName
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_audit
-from monitor.plant.links import ArmName, Inbox, Link, command_arm
+from monitor.plant.links import Inbox, Link, command_arm
 from monitor.plant.screen.people import NEEDED, Role
 from monitor.plant.status import refuse_doubled
 

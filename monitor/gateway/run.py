@@ -20,10 +20,10 @@ from monitor.gateway.outbox import PASSED_OVER_S, GatewayLock, Outbox
 from monitor.gateway.settings import GatewayConfiguration
 from monitor.gateway.silence import SILENCES, PlantWatch, changed_silences
 from monitor.gateway.source import Source
-from monitor.gateway.values import RAISED, ArmState, Transition, already_active
+from monitor.gateway.values import RAISED, Transition, already_active
+from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.ingest import set_note
-from monitor.plant.links import ArmName
 from monitor.recording import DAY_S
 from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
 
@@ -158,7 +158,7 @@ class Gateway:
         self.workers: list[Worker] = []
         self._silent_s = configuration.gateway.silent_hours * 3600.0
         self._plant_watch = PlantWatch(configuration.gateway.plant_silent_minutes * 60.0)
-        self._looked: Mapping[ArmName, ArmState] = {}  # of these is told what was active already
+        self._looked: Mapping[ArmName, HeardArm] = {}  # of these is told what was active already
         self._already: set[str] = set()  # alerts of which that is told
         self.trouble: str | None = "the database is not open yet"
         self._pause_s, self._next_try, self._heartbeat_at, self._pruned_at = 0.0, 0.0, 0.0, -DAY_S
@@ -268,7 +268,7 @@ class Gateway:
                         worker.wake()
             more = taken.more
 
-    def _active_already(self, arms: Mapping[ArmName, ArmState], now_unix_s: float) -> list[Transition]:
+    def _active_already(self, arms: Mapping[ArmName, HeardArm], now_unix_s: float) -> list[Transition]:
         """Of the arms that have said something since the last look, the alerts that were active before there was a gateway."""
         if not self.configuration.gateway.already_active:
             return []

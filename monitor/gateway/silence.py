@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from monitor.gateway.outbox import Owed
-from monitor.gateway.values import CLEARED, ENDED, PLANT, PLANT_SILENT, RAISED, ArmState, Delivery, Transition, transition_id
-from monitor.judge.alerts.conditions import NO_REASON
-from monitor.plant.links import ArmName
-from monitor.publish.timestamps import rfc3339
-from monitor.reason import Reason, Sentence, with_reasons
+from monitor.gateway.values import CLEARED, ENDED, PLANT, PLANT_SILENT, RAISED, Delivery, Transition, transition_id
+from monitor.plant.arm import UNKNOWN_SILENCE, ArmName, HeardArm
+from monitor.publish.documents import Alert, worded
+from monitor.publish.timestamps import utc
+from monitor.reason import Reason, Sentence
 
 CONDITION = "monitor_silent"
 TIER = "advisory"
@@ -34,7 +34,7 @@ class Silence(NamedTuple):
     ends: tuple[int, ...]  # what was kept of it
 
 
-def changed_silences(arms: Mapping[ArmName, ArmState], told: Sequence[Owed], silent_s: float, now_unix_s: float) -> list[Silence]:
+def changed_silences(arms: Mapping[ArmName, HeardArm], told: Sequence[Owed], silent_s: float, now_unix_s: float) -> list[Silence]:
     """What has changed. told : silences that are told and not over. silent_s : 0 tells of none that begins."""
     known = {each.robot: each for each in told}
     found = []
@@ -45,7 +45,7 @@ def changed_silences(arms: Mapping[ArmName, ArmState], told: Sequence[Owed], sil
             ended = _transition(name, CONDITION, began, now_unix_s, HEARD_AGAIN, over=True)
             found.append(Silence(ended, None, (before.id,)))
         elif since is not None and before is None and 0.0 < silent_s <= now_unix_s - since:
-            text = NOT_HEARD(why=arm.silent_why or NO_REASON)
+            text = NOT_HEARD(why=arm.silent_why or UNKNOWN_SILENCE)
             kept = Delivery(key=f"{name}/{since:.3f}", recipient="", kind="silence", document={"since_unix_s": since}, robot=str(name))
             found.append(Silence(_transition(name, CONDITION, since, now_unix_s, text, over=False), kept, ()))
     return found
@@ -86,23 +86,29 @@ class PlantWatch:
 
 
 def _transition(name: ArmName, condition: str, since_unix_s: float, now_unix_s: float, text: Reason, *, over: bool) -> Transition:
-    began, now = rfc3339(since_unix_s), rfc3339(now_unix_s)
-    document = {
-        **{"joint": None, "condition": condition, "tier": TIER, "active": not over, "kind": CLEARED if over else RAISED, "at": now},
-        **{"raised_at": began, "updated_at": now, "change": 0.0, "probability": 1.0, "action": ""},
-    }
-    if not over:
-        document = with_reasons(document, action=LOOK_AT_PLANT if condition == PLANT_SILENT else LOOK_AT_MONITOR)
+    action = None if over else LOOK_AT_PLANT if condition == PLANT_SILENT else LOOK_AT_MONITOR
+    kind = CLEARED if over else RAISED
+    alert = Alert(
+        joint=None,
+        condition=condition,
+        tier=TIER,
+        active=not over,
+        raised_at=utc(since_unix_s),
+        updated_at=utc(now_unix_s),
+        cleared_at=utc(now_unix_s) if over else None,
+        change=0.0,
+        probability=1.0,
+        **worded(text=text, action=action or ""),
+    )
     return Transition(
-        id=transition_id(name, None, condition, CLEARED if over else RAISED, TIER, since_unix_s),
+        id=transition_id(name, None, condition, kind, TIER, since_unix_s),
         arm=name,
         joint=None,
         condition=condition,
         before=TIER if over else ENDED,
         after=ENDED if over else TIER,
-        kind=CLEARED if over else RAISED,
+        kind=kind,
         at_unix_s=now_unix_s,
         raised_at_unix_s=since_unix_s,
-        text=text.text,
-        document=with_reasons(document, text=text),
+        alert=alert,
     )

@@ -5,19 +5,21 @@ Reading costs little where nothing has changed: documents and figures are read a
 
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from monitor.gateway.figures import MOST_JOINTS
-from monitor.gateway.values import CLEARED, ENDED, GRAVER, MILDER, RAISED, ArmState, Transition, gravity, time_said, transition_id
+from monitor.gateway.values import CLEARED, ENDED, GRAVER, MILDER, RAISED, Transition, transition_id
+from monitor.plant.arm import MOST_JOINTS, ArmName, HeardArm, copied_friction
 from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING
-from monitor.plant.links import ArmName
-from monitor.plant.tables import FIGURES, LIFE_FIGURES, arm, friction, gateway_cursor, history, last_value, note, transition
+from monitor.plant.status import DOCUMENTS, heard_arms
+from monitor.plant.tables import arm, friction, gateway_cursor, history, last_value, note, transition
+from monitor.publish.documents import Event, HistoryRow, read
+from monitor.publish.shown import tier_gravity
 
-DOCUMENTS = ("health", "monitor", "info")
 PAGE = 500  # transitions that are taken at once
 READ_AT_ONCE = 200  # arms whose documents are read by one query
 
@@ -36,11 +38,11 @@ class Source:
     def __init__(self, database: Database) -> None:
         self._database = database
         self._lock = threading.Lock()
-        self._arms: dict[ArmName, ArmState] = {}
+        self._arms: dict[ArmName, HeardArm] = {}
         self._seen: dict[int, tuple[Any, ...]] = {}  # by arm: what its state was made of
         self.plant_said_unix_s: float | None = None  # by its own clock; None: it has never run
 
-    def arms(self) -> Mapping[ArmName, ArmState]:
+    def arms(self) -> Mapping[ArmName, HeardArm]:
         """Every arm as it was at the last refresh. The mapping does not change any more."""
         with self._lock:
             return self._arms
@@ -61,35 +63,14 @@ class Source:
                     heard[number][key] = at
             seen = {number: (*row, copied.get((number, row.history)), *sorted(heard[number].items())) for number, row in rows.items()}
             changed = [number for number, what in seen.items() if self._seen.get(number) != what]
-            before = {state.number: state for state in self._arms.values() if state.number in rows}
-            states = {number: state for number, state in before.items() if seen[number] == self._seen.get(number)}
+            states = {state.number: state for state in self._arms.values() if seen.get(state.number) == self._seen.get(state.number)}
             for begin in range(0, len(changed), READ_AT_ONCE):
-                states |= self._states(connection, {number: rows[number] for number in changed[begin : begin + READ_AT_ONCE]}, heard)
+                for each in heard_arms(connection, changed[begin : begin + READ_AT_ONCE]):
+                    states[each.number] = replace(each, friction=_newest_friction(connection, each))
         if changed or len(states) != len(self._arms):
             with self._lock:
                 self._arms = {state.name: state for _, state in sorted(states.items())}
         self._seen = seen
-
-    def _states(self, connection: sa.Connection, rows: Mapping[int, Any], heard: Mapping[int, Mapping[str, float]]) -> dict[int, ArmState]:
-        said: dict[int, dict[str, Any]] = {}
-        wanted = sa.select(last_value.c.arm, last_value.c.key, last_value.c.document)
-        wanted = wanted.where(last_value.c.arm.in_(list(rows)), last_value.c.key.in_(DOCUMENTS))
-        for number, key, document in connection.execute(wanted):
-            if isinstance(document, dict):
-                said.setdefault(number, {})[key] = document
-        return {
-            number: ArmState(
-                name=ArmName(row.site, row.robot),
-                number=number,
-                **said.get(number, {}),
-                joints=_newest_friction(connection, number, row.history),
-                heard_at_unix_s=heard[number],
-                silent_since_unix_s=row.silent_since,
-                silent_why=row.silent_why,
-                problem=row.problem,
-            )
-            for number, row in rows.items()
-        }
 
     def transitions(self, not_before_unix_s: float) -> Taken:
         """The next transitions; those of earlier times are passed over. `commit` notes that they are taken. Raises StoreError."""
@@ -138,26 +119,25 @@ class Source:
         connection.execute(insert.on_conflict_do_update(index_elements=["arm", "history"], set_={"seq": insert.excluded.seq}), rows)
 
 
-def _newest_friction(connection: sa.Connection, number: int, at: int) -> dict[int, dict[str, Any]]:
+def _newest_friction(connection: sa.Connection, arm: HeardArm) -> dict[int, HistoryRow]:
     """The newest row of each joint: a look each into the index, however long the history is."""
-    of_arm = (friction.c.arm == number) & (friction.c.history == at)
+    of_arm = (friction.c.arm == arm.number) & (friction.c.history == arm.histories)
     found = {}
     for joint in range(1, MOST_JOINTS + 1):
         newest = sa.select(friction).where(of_arm, friction.c.joint == joint).order_by(friction.c.recorded_at.desc()).limit(1)
         row = connection.execute(newest).one_or_none()
         if row is not None:
-            found[joint] = {name: getattr(row, name) for name in ("recorded_at", "replay", *FIGURES, *LIFE_FIGURES)}
+            found[joint] = copied_friction(row)
     return found
 
 
 def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transition:
-    document = row.document if isinstance(row.document, dict) else {}
-    raised = time_said(document.get("raised_at"))
+    alert = read(Event, row.document)
     before = ENDED if row.kind == RAISED else _tier_before(connection, row)
-    after = ENDED if row.kind == CLEARED else str(row.tier)
-    kind = str(row.kind)
-    if kind == "updated" and gravity(after) != gravity(before):
-        kind = GRAVER if gravity(after) > gravity(before) else MILDER
+    after = ENDED if row.kind == CLEARED else row.tier
+    kind = row.kind
+    if kind == "updated" and tier_gravity(after) != tier_gravity(before):
+        kind = GRAVER if tier_gravity(after) > tier_gravity(before) else MILDER
     return Transition(
         id=transition_id(name, row.joint, row.condition, row.kind, row.tier, row.at),
         arm=name,
@@ -167,9 +147,8 @@ def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transitio
         after=after,
         kind=kind,
         at_unix_s=row.at,
-        raised_at_unix_s=row.at if raised is None else raised,
-        text=str(document.get("text") or ""),
-        document=document,
+        raised_at_unix_s=alert.raised_at.timestamp(),
+        alert=alert,
     )
 
 

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Generic, NamedTuple, TypeVar
 
+from monitor.reason import Reason, Sentence
+
 Content = TypeVar("Content")
+REPLACED = Sentence("another_history", "its history was restored from a backup, or replaced")()
+GONE_BACK = Sentence("numbers_gone_back", "its numbers have gone back: entry {seq} is gone")
+ENTRY_GONE = Sentence("entry_gone", "its entry {seq} is gone, though later ones are there")
+ANOTHER_ENTRY = Sentence("another_entry", "its entry {seq} is another one than before")
 
 
 class Cursor(NamedTuple):
@@ -42,13 +48,11 @@ class Continues(NamedTuple, Generic[Content]):
 class AnotherLog(NamedTuple):
     """The log is not the one that was copied: nothing of it may be mixed with what is copied."""
 
-    why: str
+    why: Reason
 
 
 class Disordered(NamedTuple):
     """The answer is no log: its numbers do not rise. Nothing of it is taken."""
-
-    why: str
 
 
 def step(
@@ -59,20 +63,20 @@ def step(
     identity, answered_identity : of the log that is copied, and of the answer; None: unknown, and the entries alone decide.
     """
     if identity is not None and answered_identity is not None and identity != answered_identity:
-        return AnotherLog("its history was restored from a backup, or replaced")
+        return AnotherLog(REPLACED)
     numbers = [cursor.asks_after, *(entry.seq for entry in entries)]
     if any(later <= earlier for earlier, later in pairwise(numbers)):
-        return Disordered("its answer is not in order")
+        return Disordered()
     missing = tuple((earlier + 1, later - 1) for earlier, later in pairwise(numbers) if later - earlier > 1)
     if cursor.seq == 0:
         return Continues(tuple(entries), _after(cursor, entries), missing)
     if not entries:
-        return AnotherLog(f"its numbers have gone back: entry {cursor.seq} is gone")
+        return AnotherLog(GONE_BACK(seq=cursor.seq))
     first = entries[0]
     if first.seq != cursor.seq:
-        return AnotherLog(f"its entry {cursor.seq} is gone, though later ones are there")
+        return AnotherLog(ENTRY_GONE(seq=cursor.seq))
     if first.mark != cursor.mark:
-        return AnotherLog(f"its entry {cursor.seq} is another one than before")
+        return AnotherLog(ANOTHER_ENTRY(seq=cursor.seq))
     return Continues(tuple(entries[1:]), _after(cursor, entries), missing)
 
 

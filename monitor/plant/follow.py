@@ -3,23 +3,30 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import orjson
 import sqlalchemy as sa
+from pydantic import BaseModel
 
-from monitor.errors import StoreError
-from monitor.plant.arm import DOUBLED, Arm
+from monitor.errors import BadInput, StoreError
+from monitor.plant.arm import DOUBLED, UNREADABLE, Arm, ArmName, readable_health, unreadable_health
 from monitor.plant.database import Database, DataRefused
 from monitor.plant.ingest import enter, keep_last_values, set_arms
-from monitor.plant.links import ArmName, Inbox, Link
+from monitor.plant.links import MONITOR, Inbox, Link
 from monitor.plant.pull import Copying, read_document
 from monitor.plant.tables import arm as arm_table
 from monitor.plant.tables import history
+from monitor.publish.documents import Health, Monitor, as_json, read
+from monitor.publish.registry import published_at
+from monitor.publish.shown import Grade, arm_shown
+from monitor.reason import Reason, Sentence
 
 log = logging.getLogger(__name__)
 
 NAMED = 3  # arms whose names are logged where many change at once: a router that is lost is one line, not a thousand
+NOT_STORED = Sentence("health_not_stored", "its document health cannot be stored: {why}")
 LARGEST = 1_000_000  # bytes of a last value; the largest of ours have 50 000
 
 
@@ -51,7 +58,7 @@ class Following:
         arms = self.arms.values()
         return Counts(
             arms=len(arms),
-            sick=sum(arm.state in {"FAILURE", "MAINTENANCE_REQUIRED"} for arm in arms),
+            sick=sum(arm.sick for arm in arms),
             silent=sum(arm.silent is not None for arm in arms),
             problems=sum(arm.problem is not None for arm in arms),
             copying=self._copying.length + len(self._to_copy),
@@ -65,9 +72,10 @@ class Following:
         self._take_ways(now)
         received = self._inbox.take()
         for name, payloads in received.monitors.items():
-            for said in map(_document, payloads):
-                if name in self.arms and not isinstance(said, str):
-                    self.arms[name].hear_monitor(said, now)
+            for payload in payloads:
+                with suppress(BadInput):
+                    if name in self.arms and isinstance(said := _read(MONITOR, payload, now).document, Monitor):
+                        self.arms[name].hear_monitor(said, now)
         for (name, key), payload in received.newest.items():
             if (arm := self.arms.get(name)) is not None:
                 self._document(name, arm, key, payload, now)
@@ -147,24 +155,25 @@ class Following:
 
     def _document(self, name: ArmName, arm: Arm, key: str, payload: bytes, now: float) -> None:
         arm.heard = now
-        document = _document(payload)
-        if isinstance(document, str):
+        try:
+            said = _read(key, payload, self._now())
+        except BadInput as error:
             if key != "health":
                 return
-            document = _unreadable(f"its document health cannot be read: {document}")
-        if key == "health":
-            state = document.get("state")
-            arm.state = state if isinstance(state, str) else None
-        elif key == "monitor":
-            arm.hear_monitor(document, now)
-            if arm.behind(document):
+            health = unreadable_health(UNREADABLE(why=error.reason), self._now())
+            said = Heard(health, as_json(health))
+        if isinstance(said.document, Health):
+            arm.sick = arm_shown(said.document).grade is Grade.SICK
+        elif isinstance(said.document, Monitor):
+            arm.hear_monitor(said.document, now)
+            if arm.behind(said.document):
                 self._to_copy.setdefault(name, False)
-        if arm.worth_saving(key, document, now):
-            self._unsaved[name, key] = (self._now(), document)
+        if arm.worth_saving(said.document, now):
+            self._unsaved[name, key] = (self._now(), said.json)
 
     def _take_outcomes(self, now: float) -> StoreError | None:
         trouble = None
-        changed: dict[str | None, list[ArmName]] = {}
+        changed: dict[str, list[ArmName]] = {}
         while not self._copying.done.empty():
             name, known, problem, database = self._copying.done.get()
             arm = self.arms.get(name)
@@ -182,20 +191,20 @@ class Following:
             if arm.doubled(now):
                 continue
             if arm.problem != problem:
-                changed.setdefault(problem, []).append(name)
+                changed.setdefault(problem.text if problem else "", []).append(name)
                 arm.problem = problem
                 self._problems_changed.add(name)
-        for problem, names in changed.items():
-            if problem:
-                log.warning("%s: not copied: %s", _listed(names), problem)
+        for why, names in changed.items():
+            if why:
+                log.warning("%s: not copied: %s", _listed(names), why)
             else:
                 log.info("%s: copied again", _listed(names))
         return trouble
 
-    def _tell_problem(self, name: ArmName, problem: str) -> None:
+    def _tell_problem(self, name: ArmName, problem: Reason) -> None:
         arm = self.arms[name]
         if arm.problem != problem:
-            log.warning("%s: not copied: %s", name, problem)
+            log.warning("%s: not copied: %s", name, problem.text)
             arm.problem = problem
             self._problems_changed.add(name)
 
@@ -212,7 +221,7 @@ class Following:
                 except DataRefused as refused:
                     log.warning("%s: its %s is not stored: %s", name, key, refused)
                     if key == "health":
-                        self._keep({(name, key): (at, _unreadable(f"its document health cannot be stored: {refused}"))})
+                        self._keep({(name, key): (at, as_json(unreadable_health(NOT_STORED(why=str(refused)), at)))})
         for at, value in saved.items():
             if self._unsaved.get(at) is value:
                 del self._unsaved[at]
@@ -226,7 +235,7 @@ class Following:
         now, wall = time.monotonic(), self._now()
         lost = [endpoint for endpoint, link in self._links.items() if not link.up]
         changed: list[dict[str, Any]] = []
-        was: dict[ArmName, str | None] = {}
+        was: dict[ArmName, Reason | None] = {}
         for name, arm in self.arms.items():
             why = arm.silence(now, self._silent_s, lost)
             if why == arm.silent and name not in self._problems_changed:
@@ -235,34 +244,41 @@ class Following:
             changed.append({"number": arm.number, "since": since, "why": why, "problem": arm.problem})
             was[name] = why
         set_arms(self._database, changed)
-        news: dict[str | None, list[ArmName]] = {}
+        news: dict[str, list[ArmName]] = {}
         for name, why in was.items():
             if self.arms[name].silent != why:
-                news.setdefault(why, []).append(name)
+                news.setdefault(why.text if why else "", []).append(name)
             self.arms[name].silent = why
-        for why, names in news.items():
-            if why:
-                log.warning("%s: not heard: %s", _listed(names), why)
+        for text, names in news.items():
+            if text:
+                log.warning("%s: not heard: %s", _listed(names), text)
             else:
                 log.info("%s: heard again", _listed(names))
         self._problems_changed.clear()
 
 
-def _document(payload: bytes) -> dict[str, Any] | str:
-    """A last value, or why it is none."""
-    if len(payload) > LARGEST:
-        return f"{len(payload)} bytes, and {LARGEST} are read at most"
+class Heard(NamedTuple):
+    """A last value: as a type, and as it came."""
+
+    document: BaseModel
+    json: Any
+
+
+def _read(key: str, payload: bytes, at_unix_s: float) -> Heard:
+    """A last value. Raises BadInput where it is none."""
+    kind = published_at(key)
+    if kind is None or len(payload) > LARGEST:
+        raise BadInput(f"{len(payload)} bytes, and {LARGEST} are read at most")
     try:
-        document = read_document(payload)
-        orjson.dumps(document)  # it can be read in more levels than anybody can write
+        found = read_document(payload)
+        orjson.dumps(found)  # it can be read in more levels than anybody can write
     except (ValueError, TypeError) as wrong:
-        return str(wrong).splitlines()[0]
-    return document if isinstance(document, dict) else "it is no JSON object"
-
-
-def _unreadable(why: str) -> dict[str, Any]:
-    """In the place of a health that is none: what the arm said before would be shown as if it still held."""
-    return {"state": None, "why": why, "joints": [], "alerts": []}
+        raise BadInput(str(wrong).splitlines()[0]) from None
+    if not isinstance(found, dict):
+        raise BadInput("it is no JSON object")
+    if kind.model is Health:
+        return Heard(readable_health(found, at_unix_s), found)
+    return Heard(read(kind.model, found), found)
 
 
 def _listed(names: Sequence[ArmName]) -> str:

@@ -8,8 +8,9 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
-from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, arm, audit, friction, history, last_value, note, transition
+from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, Said, arm, audit, friction, history, last_value, note, transition
 from monitor.publish.documents import Event, HistoryChange, HistoryRow
+from monitor.reason import Reason
 
 EVENTS, CHANGES = "event", "change"  # the two logs of an arm, as their cursors are called
 MOST_AN_HOUR, HOUR_S = 5, 3600.0  # histories of one arm: somebody who restores a backup may need several attempts
@@ -40,7 +41,7 @@ class Gap(NamedTuple):
 
     at_unix_s: float
     robot: str
-    text: str
+    what: Reason
 
 
 def known(database: Database, site: str, robot: str, now_unix_s: float) -> Known:
@@ -77,7 +78,7 @@ def _row(connection: sa.Connection, site: str, robot: str) -> Known | None:
 
 
 def _begin_histories(
-    connection: sa.Connection, of: Sequence[tuple[int, int]], history_id: str | None, why: str | None, now_unix_s: float
+    connection: sa.Connection, of: Sequence[tuple[int, int]], history_id: str | None, why: Reason | None, now_unix_s: float
 ) -> None:
     """Begin histories. of : the number of the arm, and that of its history."""
     same = {"history_id": history_id, "began_at": now_unix_s, "why": why, "newest_replay": 0}
@@ -86,7 +87,7 @@ def _begin_histories(
         connection.execute(sa.insert(history), [{"arm": arm, "number": number, **same, **cursors} for arm, number in of])
 
 
-def begin_another_history(database: Database, before: Known, name: str, history_id: str | None, why: str, now_unix_s: float) -> None:
+def begin_another_history(database: Database, before: Known, name: str, history_id: str | None, why: Reason, now_unix_s: float) -> None:
     """From now on another history of this arm is copied, from its beginning; what was copied before stays. It is audited.
 
     Raises CursorMoved where that is done already, HistoriesWithoutEnd where too many began within the last hour.
@@ -102,9 +103,8 @@ def begin_another_history(database: Database, before: Known, name: str, history_
         if changed != 1:
             raise CursorMoved
         _begin_histories(connection, [(before.arm, before.number + 1)], history_id, why, now_unix_s)
-        text = (
-            f"{why}; its history is copied anew as number {before.number + 1}, and what was copied before is kept as number {before.number}"
-        )
+        anew = f"its history is copied anew as number {before.number + 1}, and what was copied before is kept as number {before.number}"
+        text = f"{why.text}; {anew}"
         add_audit(connection, now_unix_s, "plant", "another history", name, text)
 
 
@@ -157,7 +157,7 @@ def add_changes(
 
 def _audit_gap(connection: sa.Connection, gap: Gap | None) -> None:
     if gap is not None:
-        add_audit(connection, gap.at_unix_s, "plant", "gap", gap.robot, gap.text)
+        add_audit(connection, gap.at_unix_s, "plant", "gap", gap.robot, gap.what.text)
 
 
 def _move(connection: sa.Connection, at: Known, log: str, before: Cursor, after: Cursor, history_id: str | None, **more: Any) -> None:
@@ -212,11 +212,12 @@ def set_arms(database: Database, changed: Sequence[Mapping[str, Any]]) -> None:
         return
     with database.write() as connection:
         since = sa.case(
-            (sa.bindparam("why", type_=sa.Text).is_(None), sa.null()),
+            (sa.bindparam("since", type_=At()).is_(None), sa.null()),
             else_=sa.func.coalesce(arm.c.silent_since, sa.bindparam("since", type_=At())),
         )
         statement = sa.update(arm).where(arm.c.id == sa.bindparam("number"))
-        statement = statement.values(silent_since=since, silent_why=sa.bindparam("why", type_=sa.Text), problem=sa.bindparam("problem"))
+        reasons = {"silent_why": sa.bindparam("why", type_=Said()), "problem": sa.bindparam("problem", type_=Said())}
+        statement = statement.values(silent_since=since, **reasons)
         connection.execute(statement, list(changed))
 
 

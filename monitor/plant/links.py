@@ -17,7 +17,9 @@ import orjson
 import zenoh
 
 from monitor.errors import BadInput, BusError
+from monitor.plant.arm import ArmName
 from monitor.publish.session import ROOT, prefix, session_config
+from monitor.reason import Sentence
 
 log = logging.getLogger(__name__)
 
@@ -29,22 +31,12 @@ ALIVE = "alive/monitor"
 LONGEST_NAME = 100  # letters of a site or a robot
 _LAST_VALUE = re.compile("|".join((*DOCUMENTS, "alert/(?:arm|j[1-9])/[a-z0-9_]{1,60}")))  # no others can fill a table
 TIMEOUT_S = 5.0
+NO_ANSWER = Sentence("endpoint_no_answer", "{endpoint} does not answer")
+LATE = Sentence("monitor_does_not_answer", "its monitor is there, and does not answer within {timeout_s:g} s")(timeout_s=TIMEOUT_S)
+NOBODY_HEARS = Sentence("nobody_hears_it", "{arm} does not answer, and nothing was done: nobody hears its monitor")
+DONE_OR_NOT = Sentence("done_or_not", "{arm} does not answer, and nobody knows whether it was done: {why}")
+NO_JSON = Sentence("answer_no_json", "{arm}: its answer is no JSON")
 REFUSED_S = (1.0, 30.0)  # [s] first and longest pause between two attempts to open a session
-
-
-class ArmName(NamedTuple):
-    """Which arm."""
-
-    site: str
-    robot: str
-
-    @property
-    def prefix(self) -> str:
-        """The key below which its keys lie."""
-        return f"{ROOT}/{self.site}/{self.robot}"
-
-    def __str__(self) -> str:
-        return f"{self.site}/{self.robot}"
 
 
 def named(key: str) -> tuple[ArmName, str] | None:
@@ -152,7 +144,7 @@ class Link:
         """The one answer to a query. Raises BusError where nobody answers in time, BadInput with the text of a refusal."""
         session = self._session
         if session is None:
-            raise BusError(f"{self.endpoint} does not answer")
+            raise BusError(NO_ANSWER(endpoint=self.endpoint))
         try:
             for reply in session.get(key, payload=payload, timeout=TIMEOUT_S):
                 if reply.ok is not None:
@@ -161,10 +153,10 @@ class Link:
                 try:
                     raise BadInput(str(json.loads(said)["error"]))
                 except (ValueError, KeyError, TypeError):
-                    raise BusError(_unanswered()) from None
+                    raise BusError(LATE) from None
         except zenoh.ZError as error:
             raise BusError(str(error).split(" at /")[0]) from None
-        raise BusError(_unanswered())
+        raise BusError(LATE)
 
     def sees(self, arm: ArmName) -> bool:
         """Whether the token of an arm's monitor is behind this endpoint."""
@@ -181,7 +173,7 @@ class Link:
         """
         session = self._session
         if session is None:
-            raise BusError(f"{self.endpoint} does not answer")
+            raise BusError(NO_ANSWER(endpoint=self.endpoint))
 
         def take(sample: zenoh.Sample) -> None:
             if (found := named(str(sample.key_expr))) is not None and sample.kind == zenoh.SampleKind.PUT:
@@ -199,11 +191,11 @@ class Link:
         """Ask for an arm's last values; they come to the inbox like those that it publishes. Raises BusError."""
         session = self._session
         if session is None:
-            raise BusError(f"{self.endpoint} does not answer")
+            raise BusError(NO_ANSWER(endpoint=self.endpoint))
         for selector in FOLLOWED:
             for reply in session.get(f"{arm.prefix}/{selector}", timeout=TIMEOUT_S):
                 if reply.ok is None:  # the time is over: to ask for more would take as long again
-                    raise BusError(_unanswered())
+                    raise BusError(LATE)
                 self._document(reply.ok)
 
     def _open(self) -> None:
@@ -247,15 +239,11 @@ def command_arm(link: Link | None, arm: ArmName, key: str, document: Mapping[str
     Raises BadInput where no way leads there, the arm does not answer, or answers no JSON.
     """
     if link is None:
-        raise BadInput(f"{arm} does not answer, and nothing was done: nobody hears its monitor")
+        raise BadInput(NOBODY_HEARS(arm=str(arm)))
     try:
         answer = orjson.loads(link.ask(f"{arm.prefix}/{key}", orjson.dumps(dict(document))))
     except BusError as error:
-        raise BadInput(f"{arm} does not answer, and nobody knows whether it was done: {error}") from None
+        raise BadInput(DONE_OR_NOT(arm=str(arm), why=error.reason)) from None
     except orjson.JSONDecodeError:
-        raise BadInput(f"{arm}: its answer is no JSON") from None
+        raise BadInput(NO_JSON(arm=str(arm))) from None
     return answer if isinstance(answer, dict) else {}
-
-
-def _unanswered() -> str:
-    return f"its monitor is there, and does not answer within {TIMEOUT_S:g} s"

@@ -12,18 +12,19 @@ from typing import Any
 import sqlalchemy as sa
 from prometheus_client.core import GaugeMetricFamily, Metric
 
-from monitor.errors import StoreError
-from monitor.judge.alerts.health import STATES
+from monitor.errors import BadInput, StoreError
+from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.judge.inspection import MUST_BE_MADE
-from monitor.plant.arm import GRADES, ArmStatus
+from monitor.plant.arm import HeardArm
 from monitor.plant.database import Database
 from monitor.plant.status import PlantStatus, plant_status
 from monitor.plant.tables import arm, last_value
-from monitor.publish.timestamps import unix_s
+from monitor.publish.documents import Inspection, InspectionItem, read
+from monitor.publish.shown import Grade
 
 log = logging.getLogger(__name__)
 
-Row = tuple[ArmStatus, list[str]]  # with its labels
+Row = tuple[HeardArm, list[str]]  # with its labels
 
 
 def plant_families(database: Database) -> Iterator[Metric]:
@@ -40,7 +41,7 @@ def plant_families(database: Database) -> Iterator[Metric]:
     up.add_metric([], 1.0)
     yield up
     yield from _plant(status)
-    rows = [(each, [each.site, each.robot]) for each in status.arms]
+    rows = [(each, list(each.name)) for each in status.arms]
     yield from _arms(rows)
     yield from _alerts(rows)
     due = _family("joint_monitor_plant_inspections_due", "Checks of [inspection] that are due or were never recorded", "site", "robot")
@@ -62,9 +63,9 @@ def _plant(status: PlantStatus) -> Iterator[Metric]:
     for endpoint, is_up in status.ways.items():
         ways.add_metric([endpoint], float(is_up))
     arms = _family("joint_monitor_plant_arms", "Arms by how they are", "grade")
-    counts = Counter(GRADES[each.grade] for each in status.arms)
-    for grade in GRADES:
-        arms.add_metric([grade], float(counts[grade]))
+    counts = Counter(each.grade for each in status.arms)
+    for grade in Grade:
+        arms.add_metric([grade.value], float(counts[grade]))
     yield from (running, copying, ways, arms)
 
 
@@ -74,18 +75,26 @@ def _arms(rows: list[Row]) -> Iterator[Metric]:
     state = _family("joint_monitor_plant_arm_state", "1 for the NE 107 state that an arm said last", "site", "robot", "state")
     for each, who in rows:
         about.add_metric([*who, each.model or "", each.version or ""], 1.0)
-        if each.state in STATES:
-            state.add_metric([*who, each.state], 1.0)
+        if each.shown.state is not None:
+            state.add_metric([*who, each.shown.state], 1.0)
     yield from (about, state)
-    figures: tuple[tuple[str, str, Callable[[ArmStatus], float | None]], ...] = (
-        ("joint_monitor_plant_arm_grade", "How the arm is: 0 sick, 1 unseen, 2 doubtful, 3 well", lambda each: float(each.grade)),
-        ("joint_monitor_plant_arm_silent", "1 while nobody hears the arm's monitor", lambda each: float(_silent(each))),
-        ("joint_monitor_plant_arm_stale", "1 while nothing was learnt of the arm for too long", lambda each: float(each.stale)),
+    figures: tuple[tuple[str, str, Callable[[HeardArm], float | None]], ...] = (
+        (
+            "joint_monitor_plant_arm_grade",
+            "How the arm is: 0 sick, 1 unseen, 2 doubtful, 3 well",
+            lambda each: float(list(Grade).index(each.grade)),
+        ),
+        ("joint_monitor_plant_arm_silent", "1 while nobody hears the arm's monitor", lambda each: float(each.silent is not None)),
+        (
+            "joint_monitor_plant_arm_stale",
+            "1 while nothing was learnt of the arm for too long",
+            lambda each: float(each.health is not None and each.health.stale),
+        ),
         ("joint_monitor_plant_arm_not_copied", "1 while the arm's history cannot be copied", lambda each: float(each.problem is not None)),
         ("joint_monitor_plant_arm_troubles", "Problems of the arm's own monitor", lambda each: float(len(each.troubles))),
-        ("joint_monitor_plant_alerts_active", "Active alerts of the arm", lambda each: float(each.alerts)),
-        ("joint_monitor_plant_alerts_unacknowledged", "Of these, nobody has seen", lambda each: float(each.unacknowledged)),
-        ("joint_monitor_plant_last_replay_timestamp_seconds", "The arm's newest window", lambda each: _time(each.last_replay)),
+        ("joint_monitor_plant_alerts_active", "Active alerts of the arm", lambda each: float(len(each.alerts))),
+        ("joint_monitor_plant_alerts_unacknowledged", "Of these, nobody has seen", _unacknowledged),
+        ("joint_monitor_plant_last_replay_timestamp_seconds", "The arm's newest window", _last_replay),
     )
     for name, text, figure in figures:
         family = _family(name, text, "site", "robot")
@@ -100,12 +109,11 @@ def _alerts(rows: list[Row]) -> Iterator[Metric]:
     active = _family("joint_monitor_plant_alert_active", "1 for each active alert", *labels)
     change = _family("joint_monitor_plant_alert_change_ratio", "Change of friction that an active alert tells", *labels)
     for each, who in rows:
-        for alert in each.active_alerts:
-            joint = "arm" if alert.get("joint") is None else str(alert["joint"])
-            place = [*who, joint, str(alert.get("condition")), str(alert.get("tier"))]
+        for alert in each.alerts:
+            place = [*who, "arm" if alert.joint is None else str(alert.joint), alert.condition, alert.tier]
             active.add_metric(place, 1.0)
-            if isinstance(alert.get("change"), int | float):
-                change.add_metric(place, float(alert["change"]))
+            if (known := CONDITIONS.get(alert.condition)) is None or known.change_probable is not None:
+                change.add_metric(place, alert.change)
     yield from (active, change)
 
 
@@ -114,21 +122,25 @@ def _checks_due(database: Database) -> dict[tuple[str, str], int]:
     with database.read() as connection:
         wanted = sa.select(arm.c.site, arm.c.robot, last_value.c.document).join(last_value, last_value.c.arm == arm.c.id)
         rows = connection.execute(wanted.where(last_value.c.key == "inspection")).all()
-    return {(site, robot): sum(item.get("state") in MUST_BE_MADE for item in _items(document)) for site, robot, document in rows}
+    return {(site, robot): sum(item.state in MUST_BE_MADE for item in _items(document)) for site, robot, document in rows}
 
 
-def _items(document: Any) -> list[dict[str, Any]]:
-    """The checks of a document, which came from elsewhere and may lack anything."""
-    items = document.get("items") if isinstance(document, dict) else None
-    return [each for each in items if isinstance(each, dict)] if isinstance(items, list) else []
-
-
-def _silent(each: ArmStatus) -> bool:
-    return each.silent_since_unix_s is not None
-
-
-def _time(text: str | None) -> float | None:
+def _items(document: Any) -> list[InspectionItem]:
+    """The checks of a document, which came from elsewhere and may be none."""
     try:
-        return None if text is None else unix_s(text)
-    except ValueError:  # an arm may say anything
-        return None
+        return read(Inspection, document).items
+    except BadInput:
+        return []
+
+
+def _stale(each: HeardArm) -> float:
+    return float(each.health is not None and each.health.stale)
+
+
+def _unacknowledged(each: HeardArm) -> float:
+    return float(sum(alert.acknowledged_at is None for alert in each.alerts))
+
+
+def _last_replay(each: HeardArm) -> float | None:
+    last = None if each.monitor is None else each.monitor.last_replay
+    return None if last is None else last.window.timestamp()

@@ -4,14 +4,13 @@ import itertools
 import logging
 import queue
 import threading
-from collections.abc import Callable, Iterable, Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import orjson
-from pydantic import ValidationError
 
-from monitor.errors import BadInput, BusError, StoreError
+from monitor.errors import BadInput, BusError, MonitorError, StoreError
+from monitor.plant.arm import ArmName
 from monitor.plant.cursor import AnotherLog, Disordered, Entry, step
 from monitor.plant.database import Database, DataRefused
 from monitor.plant.ingest import (
@@ -26,8 +25,9 @@ from monitor.plant.ingest import (
     begin_another_history,
     known,
 )
-from monitor.plant.links import ArmName, Link
-from monitor.publish.documents import Event, Events, History, HistoryChange
+from monitor.plant.links import Link
+from monitor.publish.documents import Event, Events, History, HistoryChange, read
+from monitor.reason import Reason, Sentence
 
 log = logging.getLogger(__name__)
 
@@ -36,8 +36,22 @@ FEW_GAPS = 3  # that a sentence names
 TRIES = 5  # where another one copies the same log, or an arm's history is replaced while it is copied
 
 
-class CannotCopy(Exception):
-    """An arm's history cannot be copied now, and why, in a sentence."""
+NOT_STORED = Sentence("history_not_stored", "its history cannot be stored: {why}")
+CHANGES_MEANWHILE = Sentence("history_changes_meanwhile", "its history changes while it is copied; tried again")()
+NOT_IN_ORDER = Sentence("answer_not_in_order", "its answer is not in order")()
+AGAIN_AND_AGAIN = Sentence("histories_without_end", "{why}, time and again within the hour; copied again when it keeps one history")
+NOTHING_FOLLOWS = Sentence("nothing_follows", "its answer says that more follows, and nothing does")()
+GAPS = Sentence("history_has_gaps", "its own history lacks the {entries:word} {few}; those after them are copied")
+MORE_GAPS = Sentence(
+    "history_has_more_gaps", "its own history lacks the {entries:word} {few} and {more} more gaps; those after them are copied"
+)
+REFUSES = Sentence("arm_refuses", "it refuses: {why}")
+ANSWER_UNREADABLE = Sentence("answer_unreadable", "its answer on {log:word} cannot be read: {why}")
+INTERNAL = Sentence("copying_failed", "internal: {error}")
+
+
+class CannotCopy(MonitorError):
+    """An arm's history cannot be copied now, and why."""
 
 
 class Way(Protocol):
@@ -62,8 +76,8 @@ def pull(database: Database, way: Way, prefix: str, site: str, robot: str, now: 
         except CursorMoved:
             continue
         except DataRefused as refused:
-            raise CannotCopy(f"its history cannot be stored: {refused}") from None
-    raise CannotCopy("its history changes while it is copied; tried again")
+            raise CannotCopy(NOT_STORED(why=refused.reason)) from None
+    raise CannotCopy(CHANGES_MEANWHILE)
 
 
 def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot: str, now: Callable[[], float]) -> bool:
@@ -74,35 +88,34 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
         identity, entries, following = _page(way, prefix, name, cursor.asks_after)
         found = step(cursor, at.history_id, identity, entries)
         if isinstance(found, Disordered):
-            raise CannotCopy(found.why)
+            raise CannotCopy(NOT_IN_ORDER)
         if isinstance(found, AnotherLog):
             try:
                 begin_another_history(database, at, robot, identity, found.why, now())
             except HistoriesWithoutEnd:
-                raise CannotCopy(f"{found.why}, time and again within the hour; copied again when it keeps one history") from None
+                raise CannotCopy(AGAIN_AND_AGAIN(why=found.why)) from None
             log.warning("%s: %s; its history is copied anew", robot, found.why)
             return False
         if following is not None and not found.new:  # it would be asked the same for ever
-            raise CannotCopy("its answer says that more follows, and nothing does")
+            raise CannotCopy(NOTHING_FOLLOWS)
         gap = Gap(now(), robot, _gap(name, found.missing)) if found.missing else None
         if name == EVENTS and (found.new or identity != at.history_id):
             add_transitions(database, at, found.new, found.cursor, identity, gap)
         elif name == CHANGES and (found.new or identity != at.history_id):
             add_changes(database, at, found.new, found.cursor, identity, gap)
         if gap is not None:
-            log.warning("%s: %s", robot, gap.text)
+            log.warning("%s: %s", robot, gap.what.text)
         newest = max([at.newest_replay, *(entry.content.replay for entry in found.new)]) if name == CHANGES else at.newest_replay
         at = at._replace(history_id=identity or at.history_id, newest_replay=newest)
         at = at._replace(event=found.cursor) if name == EVENTS else at._replace(change=found.cursor)
     return True
 
 
-def _gap(name: str, missing: Sequence[tuple[int, int]]) -> str:
+def _gap(name: str, missing: Sequence[tuple[int, int]]) -> Reason:
     """What its log lacks, in a sentence. A history that goes on after damage numbers on with a jump; anything else was taken away."""
     few = ", ".join(str(first) if first == last else f"{first} to {last}" for first, last in missing[:FEW_GAPS])
-    more = f" and {len(missing) - FEW_GAPS} more gaps" if len(missing) > FEW_GAPS else ""
-    what = "transitions" if name == EVENTS else "changes"
-    return f"its own history lacks the {what} {few}{more}; those after them are copied"
+    entries, more = "transitions" if name == EVENTS else "changes", len(missing) - FEW_GAPS
+    return MORE_GAPS(entries=entries, few=few, more=more) if more > 0 else GAPS(entries=entries, few=few)
 
 
 def read_document(payload: bytes) -> Any:
@@ -124,34 +137,20 @@ def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Seq
     parameter = "after" if name == EVENTS else "changed_after"
     key = f"{prefix}/{'event' if name == EVENTS else 'history'}?{parameter}={after};limit={PAGE}"
     try:
-        document = read_document(way.ask(key))
-        if name == EVENTS:
-            events = Events.model_validate(document)
-            _representable(event.at for event in events.events)
-            return events.history_id, [Entry(event.seq, _event_mark(event), event) for event in events.events], events.next
-        history = History.model_validate(document)
-        _representable(row.recorded_at for each in history.changes for row in each.rows)
-        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next
+        payload = way.ask(key)
     except BadInput as refused:
-        raise CannotCopy(f"it refuses: {refused}") from None
+        raise CannotCopy(REFUSES(why=refused.reason)) from None
     except BusError as error:
-        raise CannotCopy(str(error)) from None
-    except (ValueError, OverflowError) as wrong:
-        raise CannotCopy(f"its answer on {'event' if name == EVENTS else 'history'} cannot be read: {_first(wrong)}") from None
-
-
-def _representable(times: Iterable[datetime]) -> None:
-    """Raises ValueError or OverflowError where a time has no date in UTC: a zone or a rounding leads out of the years 1 to 9999."""
-    for at in times:
-        datetime.fromtimestamp(at.timestamp(), UTC)
-
-
-def _first(wrong: Exception) -> str:
-    """The first mistake, with its place in the document."""
-    if not isinstance(wrong, ValidationError):
-        return str(wrong).splitlines()[0]
-    mistake = wrong.errors(include_url=False, include_input=False, include_context=False)[0]
-    return f"{'.'.join(map(str, mistake['loc']))}: {mistake['msg']}" if mistake["loc"] else mistake["msg"]
+        raise CannotCopy(error.reason) from None
+    try:
+        document = read_document(payload)
+        if name == EVENTS:
+            events = read(Events, document)
+            return events.history_id, [Entry(event.seq, _event_mark(event), event) for event in events.events], events.next
+        history = read(History, document)
+        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next
+    except (BadInput, ValueError) as wrong:
+        raise CannotCopy(ANSWER_UNREADABLE(log="event" if name == EVENTS else "history", why=str(wrong).splitlines()[0])) from None
 
 
 def _event_mark(event: Event) -> str:
@@ -173,7 +172,7 @@ class Copied(NamedTuple):
 
     arm: ArmName
     known: Known | None  # how far it is copied; None: it could not be
-    problem: str | None  # of the arm
+    problem: Reason | None  # of the arm
     database: StoreError | None  # of the database: the arm is not to blame
 
 
@@ -235,7 +234,7 @@ class Copying:
                 outcome = self._copy(arm, ways, last_values)
             except Exception as error:  # the thread must survive whatever an arm says
                 log.exception("%s: could not be copied", arm)
-                outcome = Copied(arm, None, f"internal: {type(error).__name__}", None)
+                outcome = Copied(arm, None, INTERNAL(error=type(error).__name__), None)
             with self._lock:
                 self._waiting.discard(arm)
             self.done.put(outcome)
@@ -251,6 +250,6 @@ class Copying:
         except (CannotCopy, BusError) as problem:
             if not links[0].reached():  # no fault of the arm: it is copied as soon as there is a way again
                 return Copied(arm, None, None, None)
-            return Copied(arm, None, str(problem), None)
+            return Copied(arm, None, problem.reason, None)
         except StoreError as error:
             return Copied(arm, None, None, error)

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from monitor import __version__
 from monitor.errors import StoreError, StoreUnavailable
+from monitor.plant.arm import ArmName
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import RUNNING, set_note
-from monitor.plant.links import ArmName, Inbox, Link
+from monitor.plant.links import Inbox, Link
 from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, log_refusals, session_config

@@ -26,6 +26,8 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import TypeEngine
 
+from monitor.reason import Reason, reason_from
+
 metadata = MetaData()
 Document = JSON().with_variant(JSONB(), "postgresql")
 Counter = BigInteger().with_variant(Integer(), "sqlite")  # only INTEGER counts by itself there
@@ -50,6 +52,25 @@ class At(TypeDecorator[float]):
         return value.timestamp() if isinstance(value, datetime) else value
 
 
+class Said(TypeDecorator[Reason]):
+    """A reason, as JSON with its code, parameters and text."""
+
+    impl = JSON
+    cache_ok = True
+
+    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
+        """The type of the database; no reason is NULL there."""
+        return dialect.type_descriptor(JSONB(none_as_null=True) if dialect.name == "postgresql" else JSON(none_as_null=True))
+
+    def process_bind_param(self, value: Reason | None, dialect: Dialect) -> Any:  # noqa: ARG002 - SQLAlchemy's interface
+        """To the database."""
+        return None if value is None else value.document()
+
+    def process_result_value(self, value: Any, dialect: Dialect) -> Reason | None:  # noqa: ARG002 - SQLAlchemy's interface
+        """From the database."""
+        return None if value is None else reason_from(value)
+
+
 arm = Table(
     "arm",
     metadata,
@@ -59,8 +80,8 @@ arm = Table(
     Column("first_seen", At, nullable=False),
     Column("history", Integer, nullable=False),  # the number of its present history
     Column("silent_since", At),  # none: its monitor is heard
-    Column("silent_why", Text),
-    Column("problem", Text),  # why its history cannot be copied; none: it can
+    Column("silent_why", Said),
+    Column("problem", Said),  # why its history cannot be copied; none: it can
     UniqueConstraint("site", "robot"),
 )
 
@@ -71,7 +92,7 @@ history = Table(  # an arm has another one after each restoration from a backup;
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("history_id", Text),  # as the arm says it; none: it has not said it yet
     Column("began_at", At, nullable=False),
-    Column("why", Text),  # what was noticed; none: it is the first one
+    Column("why", Said),  # what was noticed; none: it is the first one
     Column("event_cursor", BigInteger, nullable=False),
     Column("event_mark", Text, nullable=False),
     Column("change_cursor", BigInteger, nullable=False),

@@ -17,14 +17,13 @@ import zenoh
 from monitor.errors import BadInput, BusError
 from monitor.publish import permit
 from monitor.publish.documents import Document, Error, Permit, Waiting, as_json, encoded
-from monitor.publish.registry import KINDS, Delivery, answer_kind, kind_of, takes_payload
+from monitor.publish.registry import KINDS, PUBLISHED, Delivery, answer_kind, kind_of, takes_payload
 from monitor.publish.session import BusSettings, encoding, session_config
 
 log = logging.getLogger(__name__)
 
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
-PUBLISHED = (Delivery.LAST_VALUE, Delivery.STREAM, Delivery.TRANSITION)
 JSON_NAMES = {type(None): "null", bool: "true or false", int: "a number", float: "a number", str: "a string", list: "an array"}
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 

@@ -4,17 +4,18 @@ Every kind is `joint-monitor.<kind>.v1`. Within v1 fields are only added: reader
 from the beginning. Times are UTC, RFC 3339; units stand in the names; null means unknown.
 """
 
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import orjson
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
 
+from monitor.errors import BadInput
 from monitor.judge.alerts.health import State
 from monitor.judge.document import plain
 from monitor.publish.timestamps import outside
-from monitor.reason import FREE, Reason
+from monitor.reason import FREE, Reason, reason_from, reason_of
 
 Content = TypeVar("Content", bound=BaseModel)
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -22,6 +23,26 @@ Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, fro
 Number = FiniteFloat
 Maybe = FiniteFloat | None
 Rows = list[Number] | list[list[Number]]
+
+
+def _in_utc(at: datetime) -> datetime:
+    """The time in UTC. Raises ValueError where it names no offset, or lies outside of the years 1 to 9999 there."""
+    if at.tzinfo is None:
+        raise ValueError("expected a time with its offset, e.g. 2026-01-31T03:00:00Z")
+    try:
+        return datetime.fromtimestamp(round(at.timestamp(), 6), UTC)
+    except OverflowError:
+        raise ValueError("its date in UTC is none") from None
+
+
+def _no_number(at: object) -> object:
+    """As it is. Raises ValueError for a number, also one in a text, which pydantic would take for seconds since 1970."""
+    if isinstance(at, datetime) or (isinstance(at, str) and "-" in at[1:]):
+        return at
+    raise ValueError("expected a time, e.g. 2026-01-31T03:00:00Z")
+
+
+Time = Annotated[datetime, BeforeValidator(_no_number), AfterValidator(_in_utc)]
 
 
 class Document(BaseModel):
@@ -42,11 +63,23 @@ class Said(Code):
 
     text: str
 
+    @property
+    def reason(self) -> Reason:
+        """The reason as a value."""
+        return reason_from({"code": self.code, "parameters": self.parameters, "text": self.text})
+
 
 class Worded(Document):
     """A document with English texts under keys of their own."""
 
     reasons: dict[str, Code] = Field(default_factory=dict, description="of these texts, by their key: codes with parameters")
+
+    def says(self, name: str) -> Reason | None:
+        """The reason of the text under this key; a text without a code is one of its own; None where there is no text."""
+        text, coded = getattr(self, name), self.reasons.get(name)
+        if not text or coded is None:
+            return reason_of(text) if text else None
+        return reason_from({"code": coded.code, "parameters": coded.parameters, "text": text})
 
 
 def said(reason: Reason) -> Said:
@@ -70,6 +103,16 @@ def made(model: type[Content], value: object, **more: object) -> Content:
     fields = outside(plain(value))
     assert isinstance(fields, dict)
     return model.model_validate({**fields, **more})
+
+
+def read(model: type[Content], document: object) -> Content:
+    """The document that came from elsewhere. Raises BadInput that names its first mistake with its place."""
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        mistake = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        place = ".".join(map(str, mistake["loc"]))
+        raise BadInput(f"{place}: {mistake['msg']}" if place else mistake["msg"]) from None
 
 
 def encoded(document: Document) -> bytes:
@@ -104,7 +147,7 @@ class Info(Document):
     version: str
     host: str
     trajectory_digest: str
-    started_at: datetime = Field(description="of the monitor")
+    started_at: Time = Field(description="of the monitor")
     boot_id: str | None = Field(default=None, description="another one after every boot of the host")
     configuration_digest: str | None = Field(default=None, description="of every setting in force")
     serial: str | None = Field(default=None, description="as the controller said it with the last replay, else as configured")
@@ -119,9 +162,9 @@ class JointState(Worded):
     joint: Joint
     state: State
     why: str
-    since: datetime
+    since: Time
     stale: bool = Field(default=False, description="nothing was learnt of it for health.stale_days: the state is of then, not of now")
-    learnt_at: datetime | None = Field(default=None, description="of the last replay that taught something of it")
+    learnt_at: Time | None = Field(default=None, description="of the last replay that taught something of it")
 
 
 class Attribution(Document):
@@ -137,22 +180,22 @@ class Attribution(Document):
 class Gravest(Worded):
     """What an alert said at its gravest moment: of the highest tier, and of that the largest change."""
 
-    at: datetime
+    at: Time
     tier: str
     change: Number
     probability: Number
     text: str
     attribution: Attribution | None = None
-    lowest_at: datetime | None = None
+    lowest_at: Time | None = None
 
 
 class Acknowledgement(Document):
     """One person's acknowledgement of an alert, and who took it back."""
 
-    at: datetime
+    at: Time
     by: str
     why: str
-    undone_at: datetime | None = None
+    undone_at: Time | None = None
     undone_by: str | None = None
     undone_why: str | None = None
 
@@ -164,28 +207,28 @@ class Alert(Worded):
     condition: str
     tier: str
     active: bool
-    raised_at: datetime
-    updated_at: datetime
-    cleared_at: datetime | None = None
+    raised_at: Time
+    updated_at: Time
+    cleared_at: Time | None = None
     change: Number = Field(description="fraction of friction torque")
     probability: Number
     text: str
     action: str
     severity: str = "low"
     attribution: Attribution | None = None
-    acknowledged_at: datetime | None = None
+    acknowledged_at: Time | None = None
     acknowledged_by: str | None = None
     acknowledged_why: str | None = None
-    shelved_until: datetime | None = None
+    shelved_until: Time | None = None
     shelved_by: str | None = None
     shelved_why: str | None = None
     gravest: Gravest | None = Field(default=None, description="the evidence of its gravest moment, which stays when the alert is cleared")
     acknowledgements: list[Acknowledgement] = Field(default_factory=list, description="everyone's; acknowledged_by is the first in force")
     cleared_why: str | None = None
-    lowest_at: datetime | None = Field(default=None, description="when friction was lowest, from which a rise counts; null: the beginning")
+    lowest_at: Time | None = Field(default=None, description="when friction was lowest, from which a rise counts; null: the beginning")
     from_production: bool = Field(default=False, description="the arm's ordinary work shows it, and no replay has confirmed it yet")
-    over_since: datetime | None = Field(default=None, description="since when it is over, while nobody has acknowledged it")
-    serviced_at: datetime | None = Field(default=None, description="of the last work on the joint while the alert was active")
+    over_since: Time | None = Field(default=None, description="since when it is over, while nobody has acknowledged it")
+    serviced_at: Time | None = Field(default=None, description="of the last work on the joint while the alert was active")
     serviced_kind: str | None = Field(default=None, description="replaced, overhauled, greased, maintenance or joint_serials")
     serviced_by: str | None = None
     serviced_why: str | None = None
@@ -230,11 +273,11 @@ class Health(Worded):
 
     state: State | None
     why: str | None = None
-    since: datetime | None = None
+    since: Time | None = None
     joints: list[JointState]
     alerts: list[Alert]
-    next_replay_due: datetime | None
-    said_at: datetime
+    next_replay_due: Time | None
+    said_at: Time
     stale: bool = Field(default=False, description="of the arm: of any of its joints")
     stale_why: str | None = Field(default=None, description="of which joints nothing was learnt, and for how long")
     nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
@@ -294,7 +337,7 @@ class Event(Alert):
     """One transition of an alert, numbered without gaps."""
 
     seq: Annotated[int, Field(ge=1)]
-    at: datetime
+    at: Time
     kind: str = Field(description="raised, updated, cleared, acknowledged, unacknowledged, shelved, unshelved or serviced")
     by: str | None = Field(default=None, description="the person of this transition; null: a replay or the monitor itself")
     why: str | None = None
@@ -322,7 +365,7 @@ class Model(Document):
     robot: str
     mounting: dict[str, Number]
     revision: int
-    at: datetime
+    at: Time
     columns: list[int]
     values: list[Number]
     coulomb: dict[str, Any]
@@ -354,7 +397,7 @@ class Torque(Document):
 class TorqueLive(Document):
     """One sample of the arm's present motion; may be dropped."""
 
-    at: datetime
+    at: Time
     q_rad: list[Number]
     qd_rad_s: list[Number]
     temperature_c: list[Maybe]
@@ -371,7 +414,7 @@ class HistoryRow(Friction):
     """One joint after one past replay."""
 
     replay: int
-    recorded_at: datetime
+    recorded_at: Time
 
 
 class HistoryChange(Document):
@@ -379,7 +422,7 @@ class HistoryChange(Document):
 
     seq: Annotated[int, Field(ge=1, description="numbered in the order in which that was done, never given out twice")]
     replay: int
-    at: datetime = Field(description="by the clock of the monitor's host")
+    at: Time = Field(description="by the clock of the monitor's host")
     rows: list[HistoryRow] = Field(description="of the replay, as they are now; empty: they were taken back")
 
 
@@ -399,15 +442,15 @@ class Trouble(Said):
     """Something is wrong with the monitor itself, and since when."""
 
     name: str = Field(description="disk, clock, clock_behind, store, backup, retention, arm, fault, …")
-    since: datetime
+    since: Time
 
 
 class Borrowed(Document):
     """A replay whose arm a running program lent."""
 
     program: str | None = Field(description="as the controller calls it; null: it tells no names")
-    due_since: datetime
-    taken_at: datetime
+    due_since: Time
+    taken_at: Time
     waited_s: Maybe = Field(description="from the taking of the arm until the program went on; null: it did not")
     given_back: bool
 
@@ -415,8 +458,8 @@ class Borrowed(Document):
 class DueReplay(Said):
     """A replay that waits for the node of the program that lends the arm: for what, and why the arm was not taken at the last node."""
 
-    since: datetime
-    until: datetime = Field(description="without a replay by then its window is skipped")
+    since: Time
+    until: Time = Field(description="without a replay by then its window is skipped")
     kind: str = Field(description="scheduled or requested")
     why: str = Field(description="what opened its window: cron, every, learning, cold start, evidence, asked for")
     tries: int = Field(description="replays begun for it that this machine or the network ended")
@@ -426,10 +469,10 @@ class LastReplay(Worded):
     """The newest window of the ledger."""
 
     replay: int
-    window: datetime
+    window: Time
     state: str
     reason: str | None
-    ended_at: datetime | None
+    ended_at: Time | None
     borrowed: Borrowed | None = Field(default=None, description="null: no program lent the arm")
 
 
@@ -454,14 +497,14 @@ class ArchiveState(Document):
     address: str
     recordings: int
     waiting: int
-    waiting_since: datetime | None
+    waiting_since: Time | None
 
 
 class HistoryState(Document):
     """The history on disk, and how far it is: whoever copies it sees without a question whether there is something new."""
 
     history_bytes: int
-    last_backup_at: datetime | None
+    last_backup_at: Time | None
     free_bytes: int | None
     sqlite: str
     history_id: str | None = None
@@ -483,7 +526,7 @@ class Process(Document):
 class Reload(Document):
     """The outcome of the last reload of the configuration."""
 
-    at: datetime
+    at: Time
     done: bool
     text: str
     waiting: list[str] = Field(default_factory=list, description="sections that a restart takes")
@@ -495,12 +538,12 @@ class Monitor(Document):
 
     version: str
     programs: dict[str, Any]
-    started_at: datetime
+    started_at: Time
     uptime_s: Number
-    said_at: datetime
+    said_at: Time
     troubles: list[Trouble]
     last_replay: LastReplay | None
-    next_replay_due: datetime | None
+    next_replay_due: Time | None
     next_replay_why: str | None
     due: DueReplay | None = Field(default=None, description="the replay that waits for the program's node; null: none does")
     lag_s: Maybe = Field(description="of the last scheduled replay, from the opening of its window")
@@ -512,7 +555,7 @@ class Monitor(Document):
     reload: Reload | None
     overrides: list[str]
     trial: bool = Field(default=False, description="its clock is not the host's")
-    stopped_at: datetime | None = Field(default=None, description="it was stopped")
+    stopped_at: Time | None = Field(default=None, description="it was stopped")
 
 
 class Maintenance(Worded):
@@ -520,8 +563,8 @@ class Maintenance(Worded):
 
     joint: Joint
     kind: str = Field(description="replaced, overhauled or greased; maintenance or joint_serials: declared in the configuration")
-    at: datetime = Field(description="when it was done")
-    declared_at: datetime
+    at: Time = Field(description="when it was done")
+    declared_at: Time
     by: str
     why: str
     outcome: str | None = Field(description="new_joint, new_reference, unchanged or still_worn; null: the next replays will show it")
@@ -531,7 +574,7 @@ class Maintenance(Worded):
     days: int = 0
     text: str
     meaning: str | None = Field(default=None, description="what it means from now on, without what was done")
-    undone_at: datetime | None = None
+    undone_at: Time | None = None
     undone_by: str | None = None
     undone_why: str | None = None
 
@@ -545,7 +588,7 @@ class JointFromProduction(Worded):
     friction_nm: Maybe = Field(default=None, description="at the reference speed and `temperature_c`")
     deviation_nm: Maybe = Field(default=None, description="one standard deviation against what a replay would find")
     temperature_c: Maybe = None
-    learnt_at: datetime | None = Field(default=None, description="end of the last period that the judge learned from")
+    learnt_at: Time | None = Field(default=None, description="end of the last period that the judge learned from")
     learnt_from_replays: int = Field(description="observations by replays, since the arm is observed")
     learnt_from_production: int = Field(description="observations by periods of work")
     reason: str = Field(default="", description="why it is not known")
@@ -555,15 +598,15 @@ class NextReplay(Worded):
     """From when the next replay is needed."""
 
     replay: str = Field(description="`[schedule] replay`: always or when_needed")
-    needed_from: datetime | None = Field(default=None, description="null: now, or in every window")
+    needed_from: Time | None = Field(default=None, description="null: now, or in every window")
     why: str
 
 
 class FromProduction(Document):
     """What came from the arm's ordinary work, and what from replays."""
 
-    period_began_at: datetime
-    period_ended_at: datetime
+    period_began_at: Time
+    period_ended_at: Time
     observations: int = Field(description="periods of work that were judged")
     seen_s: float = Field(description="seconds of work listened to in the period")
     left_out_s: dict[str, float] = Field(description="seconds of these that did not count, by cause")
@@ -576,9 +619,9 @@ class FromProduction(Document):
 class SafetyStop(Document):
     """A stop that the arm's safety system made by itself."""
 
-    at: datetime
+    at: Time
     kind: str = Field(description="protective_stop, violation or fault")
-    ended_at: datetime | None = Field(default=None, description="null: it stands, or nobody heard its end")
+    ended_at: Time | None = Field(default=None, description="null: it stands, or nobody heard its end")
     joint: Joint | None = Field(default=None, description="where the controller told it")
     code: str | None = Field(default=None, description="of the controller, e.g. C153A2")
     during_replay: bool = False
@@ -598,11 +641,11 @@ class InspectionItem(Document):
     every_days: Maybe = Field(default=None, description="null: not by date")
     every_hours: Maybe = Field(default=None, description="null: not by operating hours")
     after_collision: bool = Field(default=False, description="asked for after a heavy collision as well")
-    last_done: datetime | None = Field(default=None, description="null: nobody has recorded it")
+    last_done: Time | None = Field(default=None, description="null: nobody has recorded it")
     last_by: str | None = None
     last_why: str | None = None
     state: str = Field(description="unrecorded, done, soon or due")
-    due: datetime | None = Field(default=None, description="by date or by hours, whichever comes first")
+    due: Time | None = Field(default=None, description="by date or by hours, whichever comes first")
     days_left: Maybe = Field(default=None, description="negative: overdue")
     hours_left: Maybe = Field(default=None, description="that the arm may still be on; null: not by hours, or not known")
     stops_since: int = Field(default=0, description="stops of the safety system since it was done")
@@ -611,8 +654,8 @@ class InspectionItem(Document):
 class Inspection(Document):
     """What an arm has done and borne, as far as the monitor heard it, and which checks are due."""
 
-    said_at: datetime
-    counted_since: datetime | None = Field(description="null: nothing was heard yet")
+    said_at: Time
+    counted_since: Time | None = Field(description="null: nothing was heard yet")
     heard_h: Number = Field(description="hours in which the arm was heard")
     on_h: Number = Field(description="of these under power")
     moving_h: Number = Field(description="of these in motion")
@@ -630,10 +673,10 @@ class Replay(Worded):
     """What is going to happen to the arm, or has: for people nearby and for the cell's own programs."""
 
     state: str = Field(description="announced, then ended")
-    said_at: datetime
+    said_at: Time
     replay: int | None = None
     robot: str | None = None
-    moves_at: datetime | None = None
+    moves_at: Time | None = None
     trajectory_digest: str | None = None
     duration_s: Maybe = None
     time_scale: Maybe = None
@@ -645,7 +688,7 @@ class Permit(Document):
     """The question `permit/replay`: may the arm move now?"""
 
     robot: str
-    moves_at: datetime
+    moves_at: Time
     trajectory_digest: str
     duration_s: Number
     time_scale: Number

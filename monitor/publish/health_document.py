@@ -1,10 +1,10 @@
 """The published form of a Health: the fields that the schema names, without the judge's internal counts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
-from typing import Any, cast
+from typing import cast
 
-from monitor.judge.alerts.health import Health, JointHealth, State, alert_document, health_from_document
+from monitor.judge.alerts.health import Health, JointHealth, State, alert_document
 from monitor.judge.alerts.states import FOR_DAYS, NOT_YET, stale_joints, stale_reason
 from monitor.judge.drift.ripple_track import JointRipple
 from monitor.judge.settings import HealthSettings
@@ -12,7 +12,7 @@ from monitor.judge.torque.production_residual import ProductionEvidence
 from monitor.publish import documents
 from monitor.publish.documents import made, worded
 from monitor.publish.timestamps import utc, utc_if
-from monitor.reason import Reason, with_reasons
+from monitor.reason import Reason
 from monitor.recording import DAY_S
 
 
@@ -61,16 +61,6 @@ def _joint(joint: JointHealth, stale: bool) -> documents.JointState:
         learnt_at=utc_if(joint.learnt_at_unix_s),
         **worded(why=joint.why),
     )
-
-
-def with_stale(document: Mapping[str, Any], now_unix_s: float, settings: HealthSettings) -> dict[str, Any]:
-    """The stored document of a Health with staleness added. Raises BadInput where it is none."""
-    health = health_from_document(document)
-    silent = stale_joints(health, now_unix_s, settings)
-    joints = [{**joint, "stale": old} for joint, old in zip(document["joints"], silent, strict=True)]
-    alerts = [alert_document(alert) for alert in health.alerts]  # a stored one does not say whether it is active
-    why = _stale_why(health, silent, now_unix_s, settings)
-    return with_reasons({**document, "stale": any(silent), "joints": joints, "alerts": alerts}, stale_why=why)
 
 
 def _stale_why(health: Health, silent: tuple[bool, ...], now_unix_s: float, settings: HealthSettings) -> Reason | None:

@@ -25,6 +25,9 @@ class Delivery(Enum):
     REFUSAL = "the error reply to any query"
 
 
+PUBLISHED = (Delivery.LAST_VALUE, Delivery.STREAM, Delivery.TRANSITION)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DocumentKind:
     """One kind of document, `joint-monitor.<name>.v1`."""
@@ -131,6 +134,19 @@ def answer_kind(key: str) -> DocumentKind:
 def takes_payload(key: str) -> bool:
     """Whether a query on a key carries a request as payload; otherwise it carries the selector's parameters."""
     return any(kind.delivery is Delivery.REQUEST and key in kind.keys for kind in KINDS.values())
+
+
+def published_at(key: str) -> DocumentKind | None:
+    """The kind that is published on a key below the robot's prefix; None where none is."""
+    levels = key.split("/")
+    for kind in KINDS.values():
+        if kind.delivery in PUBLISHED and _matches(kind.selectors[0].split("/"), levels):
+            return kind
+    return None
+
+
+def _matches(selector: list[str], levels: list[str]) -> bool:
+    return len(selector) == len(levels) and all(one in ("*", other) for one, other in zip(selector, levels, strict=True))
 
 
 def kind_of(model: type[BaseModel]) -> DocumentKind:

@@ -1,13 +1,13 @@
 """The sentences that an alert leads with: what has changed, when it gets serious, and what to do by when."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.publish.timestamps import unix_s
+from monitor.judge.alerts.conditions import CONDITIONS, RISES
+from monitor.publish.documents import Alert, Friction, Gravest, RemainingLife
+from monitor.publish.shown import Shown
 from monitor.recording import DAY_S
 from monitor.views.history import MAINTENANCE
-from monitor.views.language.catalogue import Language, around, day, since, span, utc
+from monitor.views.language.catalogue import ENGLISH, Language, around, day, since, span, utc
 
 OF_ONE_JOINTS_FRICTION = ("wear_rising", "sudden_step", "friction_falling")
 LATEST_DAYS = 3 * 365.25  # a date beyond it would claim too much
@@ -17,7 +17,7 @@ NOW_DAYS = 3.0  # an inspection that is due so soon is due now
 class JointPast(NamedTuple):
     """What is known of the joint of an alert; None: nobody knows."""
 
-    friction: Mapping[str, Any] | None = None  # its newest document
+    friction: Friction | None = None  # its newest document
     began_unix_s: float | None = None  # since when its friction is compared
     learnt_unix_s: float | None = None  # the replay from which its remaining days count
 
@@ -30,50 +30,50 @@ class Sentences(NamedTuple):
     due: str  # what to do, and by when
 
 
-def sentences(alert: Mapping[str, Any], past: JointPast, now_unix_s: float, say: Language) -> Sentences:
-    """The sentences of one alert, a document as it is published."""
-    headline = _headline(alert, past.began_unix_s, now_unix_s, say)
-    action = say.at(alert, "action")
-    if not alert["active"] or alert["condition"] not in {"wear_rising", "sudden_step"} or not past.friction or alert.get("awaiting_proof"):
+def deciding(shown: Shown, now_unix_s: float, say: Language = ENGLISH, began_unix_s: float | None = None) -> str:
+    """The sentence that decides how an arm is shown. began_unix_s : since when friction of the alert's joint is compared."""
+    return say.say(shown.why) if shown.alert is None else _headline(shown.alert, began_unix_s, now_unix_s, say)
+
+
+def sentences(alert: Alert, past: JointPast, now_unix_s: float, say: Language = ENGLISH) -> Sentences:
+    """The sentences of one alert."""
+    headline, action = _headline(alert, past.began_unix_s, now_unix_s, say), say.at(alert, "action")
+    if not alert.active or alert.condition not in RISES or past.friction is None or alert.awaiting_proof:
         return Sentences(headline, "", action)
-    life = past.friction.get("remaining_life") or {}
-    learnt = past.learnt_unix_s or now_unix_s
+    life, learnt = past.friction.remaining_life, past.learnt_unix_s or now_unix_s
     pace = _pace(life, learnt, now_unix_s, say)
-    early = life.get("p10_days")
-    if alert["tier"] != "wear" or (early is None and life.get("verdict") != "reached"):
+    if alert.tier != "wear" or (life.p10_days is None and life.verdict != "reached"):
         return Sentences(headline, pace, action)
-    by = learnt + (early or 0.0) * DAY_S
+    by = learnt + (life.p10_days or 0.0) * DAY_S
     now = by - now_unix_s < NOW_DAYS * DAY_S
     due = say.say("Inspect now.") if now else say.say("Inspect by {day}.", day=day(by, now_unix_s, say))
     return Sentences(headline, pace, due)
 
 
-def _headline(alert: Mapping[str, Any], began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
-    joint, condition, who = alert["joint"], alert["condition"], say.name(alert["joint"])
-    if alert.get("awaiting_proof") and alert.get("serviced_at"):
-        when, act = unix_s(alert["serviced_at"]), MAINTENANCE.get(alert["serviced_kind"], alert["serviced_kind"])
+def _headline(alert: Alert, began_unix_s: float | None, now_unix_s: float, say: Language) -> str:
+    who = say.name(alert.joint)
+    if alert.awaiting_proof and alert.serviced_at is not None:
+        act = MAINTENANCE.get(alert.serviced_kind or "", alert.serviced_kind or "")
         return say.say(
             "{joint}: {work} {when}. The next replays show whether it helped.",
             joint=who,
             work=say.say(act),
-            when=since(when, now_unix_s, say),
+            when=since(alert.serviced_at.timestamp(), now_unix_s, say),
         )
-    gravest = alert.get("gravest") if not alert["active"] else None  # a cleared alert says what it was about
-    change = float((gravest or alert).get("change") or 0.0)
-    lowest_at = (gravest or alert).get("lowest_at")
-    if lowest_at is not None:
-        began_unix_s = unix_s(lowest_at)
+    of: Alert | Gravest = alert if alert.active or alert.gravest is None else alert.gravest  # a cleared one says what it was about
+    if of.lowest_at is not None:
+        began_unix_s = of.lowest_at.timestamp()
     before = say.say("at the beginning") if began_unix_s is None else since(began_unix_s, now_unix_s, say)
-    known = CONDITIONS.get(condition)  # None: of the gateway, or of another release
-    headline = None if known is None else known.headline(joint, change, say.percent(abs(change)), before)
-    return say.say(headline) if headline is not None else say.at(gravest or alert, "text") or say.word(condition)
+    known = CONDITIONS.get(alert.condition)  # None: of the gateway, or of another release
+    headline = None if known is None else known.headline(alert.joint, of.change, say.percent(abs(of.change)), before)
+    return say.say(headline) if headline is not None else say.at(of, "text") or say.word(alert.condition)
 
 
-def _pace(life: Mapping[str, Any], learnt_unix_s: float, now_unix_s: float, say: Language) -> str:
+def _pace(life: RemainingLife, learnt_unix_s: float, now_unix_s: float, say: Language) -> str:
     """When friction meets its limit, as a sentence."""
-    if life.get("verdict") == "reached":
+    if life.verdict == "reached":
         return say.say("It has met its limit.")
-    early, middle, late = life.get("p10_days") or 0.0, life.get("p50_days"), life.get("p90_days")
+    early, middle, late = life.p10_days or 0.0, life.p50_days, life.p90_days
     if middle is None:
         return say.say("It shows no steady pace, so nobody can say when it meets its limit.")
     begin = learnt_unix_s

@@ -36,8 +36,8 @@ from browser_sizes import SIZES
 from plant_screen import ALERT, PlantOfATest, documents
 from postgres_server import Postgres, binaries
 
+from monitor.plant.arm import ArmName
 from monitor.plant.database import Database
-from monitor.plant.links import ArmName
 from monitor.plant.screen.arm_page import ArmContent
 from monitor.plant.tables import friction
 

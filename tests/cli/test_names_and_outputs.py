@@ -6,12 +6,15 @@ from zoneinfo import ZoneInfo
 
 import pytest
 from command_line import ended
+from heard_documents import ALERT, whole
 
+from monitor.judge.alerts.conditions import NOTHING_MOVES
+from monitor.reason import reason_of, with_reasons
 from monitor.views.terminal.arm import print_alerts, print_status
 from monitor.views.terminal.figures import local_times
 from monitor.views.terminal.progress import progress, progress_text
 
-STOPPED = {"joint": None, "condition": "stopped", "tier": "advisory", "active": True, "action": "Look at the arm.", "change": 0.0}
+STOPPED = {"joint": None, "condition": "stopped", "tier": "advisory", "action": "Look at the arm.", "change": 0.0}
 
 
 @pytest.fixture
@@ -31,9 +34,9 @@ def arms(tmp_path, monkeypatch, replayed):
 
 def test_a_configuration_is_named_by_its_name_by_a_variable_and_several_at_once(arms, monkeypatch):
     """status cell-1 reads /etc/joint-monitor/cell-1.toml; without a name all are shown, and the one without a history is named."""
-    assert "cell-1: NORMAL" in ended("status", "cell-1").stdout
+    assert "cell-1: CHECK_FUNCTION then" in ended("status", "cell-1").stdout
     monkeypatch.setenv("JOINT_MONITOR_CONFIG", str(arms / "cell-1.toml"))
-    assert "cell-1: NORMAL" in ended("status").stdout
+    assert "cell-1: CHECK_FUNCTION then" in ended("status").stdout
     assert ended("history", "--json").returncode == 0
     monkeypatch.delenv("JOINT_MONITOR_CONFIG")
     both = ended("status", "--json")
@@ -41,7 +44,7 @@ def test_a_configuration_is_named_by_its_name_by_a_variable_and_several_at_once(
     assert both.returncode == 2
     assert "cell-2" in both.stderr
     twice = ended("status", "--config", arms / "cell-1.toml", "--config", "cell-1")
-    assert twice.stdout.count("cell-1: NORMAL") == 2
+    assert twice.stdout.count("cell-1: CHECK_FUNCTION then") == 2
 
 
 def test_times_are_those_of_the_schedules_zone(arms):
@@ -68,14 +71,15 @@ def test_a_reason_that_repeats_is_said_once(capsys):
     shown = capsys.readouterr().out
     assert "replay 7  2026-01-07T03:00:00Z  skipped and 6 before it  too far" in shown
     assert shown.count("too far") == 1
-    health = {"state": "CHECK_FUNCTION", "joints": [], "alerts": [STOPPED | {"text": "Nothing moves: replay 7 was ended: too far."}]}
+    text = NOTHING_MOVES(since_unix_s=0.0, why=reason_of("too far"))
+    health = whole("health", state="CHECK_FUNCTION", alerts=[with_reasons(STOPPED, text=text)])
     print_status(document | {"health": health})
     shown = capsys.readouterr().out
     assert shown.count("too far") == 1
     assert "skipped and 6 before it  as above" in shown
 
 
-WORN = {"joint": 3, "condition": "wear_rising", "tier": "wear", "active": True, "action": "Plan an inspection.", "change": 0.17}
+WORN = {**ALERT, "action": "Plan an inspection.", "change": 0.17}
 
 
 def test_the_days_that_remain_count_from_the_replay_that_found_them(arms, capsys):
@@ -84,7 +88,7 @@ def test_the_days_that_remain_count_from_the_replay_that_found_them(arms, capsys
     assert {row["recorded_at"] for row in document["friction"]} == {"2026-07-18T01:30:35Z"}
     health = document["health"] | {"alerts": [WORN | {"text": "Friction rose."}]}
     for row in document["friction"]:
-        row["remaining_life"] = {"verdict": "trend", "p10_days": 13.0, "p50_days": 15.0, "p90_days": 18.0}
+        row["remaining_life"] = {"trend_probability": 0.9, "verdict": "trend", "p10_days": 13.0, "p50_days": 15.0, "p90_days": 18.0}
     for said_at in ("2026-07-18T02:00:00Z", "2026-07-26T02:00:00Z"):
         print_status(document | {"said_at": said_at, "health": health})
         assert "Inspect by 31 July." in " ".join(capsys.readouterr().out.split())

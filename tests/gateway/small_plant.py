@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 
 from empty_plant import empty_plant
+from heard_documents import whole
 
 from monitor.gateway.run import Gateway
 from monitor.gateway.settings import load_gateway
@@ -46,7 +47,7 @@ class SmallPlant:
         """An arm, and what it says."""
         site, _, robot = name.partition("/")
         number = enter(self.database, [(site, robot)], self.now)[site, robot]
-        values = {(number, key): (self.now, document) for key, document in documents.items()}
+        values = {(number, key): (self.now, whole(key, **document)) for key, document in documents.items()}
         keep_last_values(self.database, values)
         return number
 

@@ -13,9 +13,9 @@ from monitor.gateway.settings import load_gateway
 from monitor.gateway.source import Source
 from monitor.gateway.status import as_lines, gateway_status
 from monitor.gateway.values import Delivery
+from monitor.plant.arm import GONE, NO_WAY, ArmName
 from monitor.plant.backup import back_up, rebuild, restore
 from monitor.plant.ingest import set_arms
-from monitor.plant.links import ArmName
 
 
 class Noting:
@@ -125,7 +125,7 @@ def test_states_are_read_again_only_for_arms_that_said_something(plant):
     source.refresh()
     after = source.arms()
     assert after[ArmName("hall", "cell-0")] is before[ArmName("hall", "cell-0")]
-    assert [each["joint"] for each in after[ArmName("hall", "cell-1")].alerts] == [3]
+    assert [each.joint for each in after[ArmName("hall", "cell-1")].alerts] == [3]
     assert after[ArmName("hall", "cell-1")].model == "ur5e"
     assert before[ArmName("hall", "cell-1")].alerts == ()
 
@@ -277,7 +277,7 @@ def test_an_arm_that_nobody_hears_for_a_day_is_told_of_once_and_its_return_too(p
     def heard(why, since=None):
         set_arms(plant.database, [{"number": number, "since": since, "why": why, "problem": None}])
 
-    heard("its monitor is gone", plant.now)
+    heard(GONE, plant.now)
     for _ in range(3):
         with gateway(plant)[0] as running:
             for _ in range(10):
@@ -290,7 +290,7 @@ def test_an_arm_that_nobody_hears_for_a_day_is_told_of_once_and_its_return_too(p
     with gateway(plant)[0] as running:
         running.step()
         running.step()
-        heard("a router does not answer", plant.now)
+        heard(NO_WAY(ways=["router"]), plant.now)
         plant.now += 3600.0
         running.step()
     said = Outbox(plant.database, plant.clock).owed("noting")

@@ -115,7 +115,7 @@ def test_the_broker_keeps_each_arm_as_it_is(world, broker):
         assert json.loads(onlooker.kept[f"{world.base}/joint/3"])["wear_percent"] == 3.0
         before = len(onlooker.heard)
         world.step()
-        world.put(arm(joints={joint: row(joint, wear=0.5 if joint == 3 else 0.01 * joint) for joint in range(1, 7)}))
+        world.put(arm(friction={joint: row(joint, wear=0.5 if joint == 3 else 0.01 * joint) for joint in range(1, 7)}))
         world.step()
         waited(lambda: json.loads(onlooker.kept[f"{world.base}/joint/3"])["wear_percent"] == 50.0, "the new figure")
         assert onlooker.heard[before:] == [(f"{world.base}/joint/3", onlooker.kept[f"{world.base}/joint/3"])]
@@ -270,7 +270,7 @@ def test_after_an_outage_each_value_is_told_once_as_it_is_then(tmp_path, own_bro
     broker.kill()
     waited(lambda: not world.channel._broker.connected, "the loss is noticed")
     for minute in range(1440):
-        world.put(arm(joints={joint: row(joint, wear=minute / 1000.0) for joint in range(1, 7)}))
+        world.put(arm(friction={joint: row(joint, wear=minute / 1000.0) for joint in range(1, 7)}))
         if minute % 288 == 0:
             with pytest.raises(NotReached):
                 world.step()

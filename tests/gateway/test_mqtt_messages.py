@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from told_arms import NOW_UNIX_S, alert, arm
 
 from monitor.errors import BadInput
-from monitor.gateway.figures import figures
 from monitor.gateway.mqtt.broker import MqttSettings
 from monitor.gateway.mqtt.messages import ArmTopics, discovery, messages, named
+from monitor.plant.arm import GONE
 
 PREFIX = "homeassistant"
 ODD = ["a_b", "a", "_-", "__", "%2F", "/", "a/b", "+", "#", "$SYS", "ä", "_5f"]
@@ -28,12 +28,12 @@ DOCUMENTS = st.recursive(
 
 def told(state, now=NOW_UNIX_S):
     topics = ArmTopics("joint-monitor", state.name.site, state.name.robot)
-    return topics, messages(figures(state), topics, now)
+    return topics, messages(state, topics, now)
 
 
 def announced(state, **options):
     topics = ArmTopics("joint-monitor", state.name.site, state.name.robot)
-    return topics, discovery(figures(state), topics, **{"acknowledge": False} | options)
+    return topics, discovery(state, topics, **{"acknowledge": False} | options)
 
 
 @settings(max_examples=60)
@@ -58,7 +58,7 @@ def test_a_topic_of_another_root_or_of_another_spelling_is_of_no_arm():
 
 
 @pytest.mark.parametrize("acknowledge", [False, True])
-@pytest.mark.parametrize("state", [arm(), arm(alerts=[alert()]), arm(count=7), arm(health={}, info={}, joints={})])
+@pytest.mark.parametrize("state", [arm(), arm(alerts=[alert()]), arm(count=7), arm(health={}, info={}, friction={})])
 def test_discovery_follows_home_assistants_conventions(state, acknowledge):
     """The judge of its documentation has nothing to say, whatever is known of the arm."""
     topics, payload = announced(state, acknowledge=acknowledge)
@@ -110,7 +110,7 @@ def test_every_entity_finds_its_figure():
 
 def test_what_is_not_known_is_unknown():
     """An arm that has said nothing yet has entities without a value, and no figure stands for a missing one."""
-    nothing = arm(health={"joints": [{"joint": 2}]}, monitor={}, info={}, joints={2: {"wear": float("nan"), "temperature_c": "hot"}})
+    nothing = arm(health={"joints": [{"joint": 2}]}, monitor={}, info={}, friction={})
     payload = announced(nothing)[1]
     sent = told(nothing)[1]
     sensors = [about for about in json.loads(payload)["components"].values() if about["platform"] == "sensor"]
@@ -123,7 +123,7 @@ def test_what_is_not_known_is_unknown():
 def test_no_document_brings_the_gateway_down(document):
     """Documents came from elsewhere: whatever they hold, the messages are JSON, and discovery keeps the conventions."""
     table = document if isinstance(document, dict) else {"joints": document, "alerts": document, "robot": document}
-    state = arm(health=table, monitor=table, info=table, joints={1: table})
+    state = arm(health=table, monitor=table, info=table)
     topics, sent = told(state)
     assert all(isinstance(orjson.loads(payload), dict) for topic, payload in sent.items() if topic != topics.availability)
     assert home_assistant.mistakes(announced(state, acknowledge=True)[1]) == []
@@ -133,7 +133,7 @@ def test_silence_is_told_with_its_reason():
     """An arm that nobody hears is offline: the plant noted it, or the plant itself does not run."""
     topics, sent = told(arm())
     assert sent[topics.availability] == b"online"
-    topics, sent = told(arm(silent_since_unix_s=NOW_UNIX_S - 600.0, silent_why="its monitor is gone"))
+    topics, sent = told(arm(silent_since_unix_s=NOW_UNIX_S - 600.0, silent_why=GONE))
     assert sent[topics.availability] == b"offline"
     assert json.loads(sent[topics.state])["silent_why"] == "its monitor is gone"
     topics, sent = told(arm(), now=NOW_UNIX_S + 3600.0)

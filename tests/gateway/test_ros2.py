@@ -6,14 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 import zenoh
-from told_arms import NOW_UNIX_S, alert, arm
+from told_arms import NOW_UNIX_S, alert, arm, health
 from zenoh.ext import Int64, z_deserialize
 
 from monitor.errors import BadInput
 from monitor.gateway.connection import NotReached
-from monitor.gateway.figures import figures
 from monitor.gateway.ros2.channel import Ros2Channel, Ros2Settings, check
 from monitor.gateway.ros2.messages import ERROR, MESSAGE, OK, STALE, WARN, Publication, encoded, statuses, type_hash
+from monitor.plant.arm import GONE
 
 rosbags = pytest.importorskip("rosbags.typesys", reason="pip install 'joint-monitor[gateway]'")
 # of std_msgs/String in rmw_zenoh's docs/design.md, and of DiagnosticArray in the C header that rosidl generates for diagnostic_msgs
@@ -46,11 +46,9 @@ def test_the_hash_of_a_type_is_that_of_ros():
 
 def test_an_arm_is_a_status_and_one_for_each_joint():
     """Levels follow NE 107, and what is not heard or not known is STALE and never OK."""
-    state = arm(alerts=[alert()])
-    state.health["joints"][2] |= {"state": "FAILURE", "why": "limit reached"}
-    state.health["joints"][3] |= {"state": None}
-    found = statuses(figures(state), NOW_UNIX_S)
-    assert [each.level for each in found] == [WARN, OK, OK, ERROR, STALE, OK, OK]
+    said = health(count=3, alerts=[alert()], joints={3: {"state": "FAILURE", "why": "limit reached"}})
+    found = statuses(arm(health=said, count=4), NOW_UNIX_S)
+    assert [each.level for each in found] == [WARN, OK, OK, ERROR, STALE]
     assert found[0].name == "joint-monitor: lab/cell-3"
     assert found[3].name == "joint-monitor: lab/cell-3 Elbow (joint 3)"
     assert found[3].message == "FAILURE: limit reached"
@@ -59,21 +57,20 @@ def test_an_arm_is_a_status_and_one_for_each_joint():
     assert (values["wear"], values["remaining_life_p50_days"]) == ("0.03", "80.5")
     assert values["alert wear_rising"] == "wear: Joint 3 wears."
     assert dict(found[0].values)["unacknowledged_alerts"] == "1"
-    silent = statuses(figures(arm(silent_since_unix_s=1.0, silent_why="its monitor is gone")), NOW_UNIX_S)
+    silent = statuses(arm(silent_since_unix_s=1.0, silent_why=GONE), NOW_UNIX_S)
     assert {each.level for each in silent} == {STALE}
     assert silent[0].message.startswith("not heard: its monitor is gone; then: NORMAL")
 
 
 def test_the_library_reads_what_was_written_whatever_an_arm_says():
     """Umlauts, a sign NUL, nothing at all: decoded with the definitions of another distribution."""
-    state = arm()
-    state.health["why"] = "Grüße\0aus dem Ellbogen"
-    array = decoded(encoded(statuses(figures(state), 12.25), 12.25))
+    state = arm(health=health(why="Grüße\0aus dem Ellbogen"))
+    array = decoded(encoded(statuses(state, 12.25), 12.25))
     assert (array.header.stamp.sec, array.header.stamp.nanosec) == (12, 250_000_000)
     assert "Grüße aus dem Ellbogen" in array.status[0].message
     assert len(array.status) == 7
-    empty = arm(health={}, monitor={}, info={}, joints={}, heard_at_unix_s={})
-    array = decoded(encoded(statuses(figures(empty), NOW_UNIX_S), NOW_UNIX_S))
+    empty = arm(health=None, monitor=None, info=None, friction={}, heard_at_unix_s={})
+    array = decoded(encoded(statuses(empty, NOW_UNIX_S), NOW_UNIX_S))
     assert [(each.level, each.hardware_id) for each in array.status] == [(STALE, "lab/cell-3")]
 
 

@@ -137,11 +137,12 @@ def test_the_plant_s_screen_shows_the_ticket_with_its_alert(plant):
         raised = plant.now = plant.now + 60.0
         plant.happens("hall/cell-1")
         plant.lives(running)
-        shown = {each["joint"]: each.get("ticket") for each in json.loads(Fleet(plant.database).document())["arms"][0]["alerts"]}
+        shown = {each["joint"]: each.get("ticket") for each in json.loads(Fleet(plant.database).document("en"))["arms"][0]["alerts"]}
         assert shown == {3: {"number": "4711", "url": f"{server.url}/orders/4711"}, 1: None}
         plant.happens("hall/cell-1", "cleared", raised_unix_s=raised)
         plant.lives(running)
-        assert "ticket" not in Fleet(plant.database).document().decode()
+        over = json.loads(Fleet(plant.database).document("en"))["arms"][0]["alerts"]
+        assert [each["ticket"] for each in over] == [None, None]
 
 
 def test_a_ticket_s_number_may_stand_in_the_address_that_the_answer_names(plant):

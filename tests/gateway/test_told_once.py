@@ -119,7 +119,7 @@ def test_a_plant_whose_service_stops_is_told_once_and_so_is_its_return(plant, se
     for _ in range(2):
         with again(plant) as running:
             lives(running, 30)
-    assert server.subjects() == ["[advisory] plant/service: The plant's service does not run."]
+    assert server.subjects() == ["[notice] plant/service: The plant's service does not run."]
     text = server.taken[0][1].get_content()
     assert "To do: Look at the service joint-monitor-plant: until it runs" in text
     assert text.splitlines()[-1] == "https://plant.example/"

@@ -6,6 +6,7 @@ from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
+from heard_documents import whole
 from simulated import Way, copied, cursors
 from typer.testing import CliRunner
 
@@ -55,7 +56,7 @@ def filled(database, way):
     with database.write() as connection:
         add_audit(connection, 6.0, "ada", "acknowledge", "lab/cell-1", "seen")
     number = known(database, "lab", "cell-1", 7.0).arm
-    keep_last_values(database, {(number, "health"): (7.0, {"state": "NORMAL", "alerts": [], "why": "ö"})})
+    keep_last_values(database, {(number, "health"): (7.0, whole("health", why="ö"))})
     return copied(database), cursors(database)
 
 

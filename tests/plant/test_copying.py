@@ -9,15 +9,17 @@ from types import SimpleNamespace
 import orjson
 import pytest
 import sqlalchemy as sa
+from heard_documents import whole
 from simulated import ALERT, Way, copied, cursors, refusing
 
 from monitor.errors import BusError, StoreError
+from monitor.plant.arm import DOUBLED, GONE, ArmName
 from monitor.plant.backup import forget
 from monitor.plant.cursor import Cursor
 from monitor.plant.database import Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import EVENTS, CursorMoved, add_transitions, known
-from monitor.plant.links import ArmName, Inbox
+from monitor.plant.links import Inbox
 from monitor.plant.pull import CannotCopy, Copied, Copying, pull
 from monitor.plant.status import as_lines, plant_status
 from monitor.plant.tables import arm as arm_table
@@ -109,10 +111,10 @@ def test_a_restored_history_is_copied_beside_the_one_before_and_told(database, t
         assert events == list(range(1, 16))
         assert len(rows) == 2 * 15
         assert [row[1] for row in cursors(database)] == [1, 2]
-        assert "is another one than before" in cursors(database)[1][4]
+        assert "is another one than before" in cursors(database)[1][4].text
         store.changes.begin_another_history()  # as after a restoration by the daemon itself
         copy(database, store)
-        assert "restored from a backup, or replaced" in cursors(database)[2][4]
+        assert "restored from a backup, or replaced" in cursors(database)[2][4].text
     with database.read() as connection:
         told = connection.execute(sa.select(audit.c.act, audit.c.robot)).all()
         kept = connection.execute(sa.select(sa.func.count()).select_from(friction).where(friction.c.history == 1)).scalar_one()
@@ -190,7 +192,10 @@ def test_what_an_arm_answers_wrongly_is_its_problem_and_stops_nobody(database):
         ({"event": refusing("busy")}, "it refuses: busy"),
         ({}, "no answer"),
         ({"event": lambda _: {"events": 7}}, "cannot be read: events: Input should be a valid list"),
-        ({"event": lambda _: page | {"events": [event | {"seq": 1, "at": "0001-01-01T00:00:00+14:00"}]}}, "cannot be read: year 0"),
+        (
+            {"event": lambda _: page | {"events": [event | {"seq": 1, "at": "0001-01-01T00:00:00+14:00"}]}},
+            "cannot be read: events.0.at: Value error, year 0",
+        ),
         ({"event": lambda _: page | {"events": [event | {"seq": 1, "at": "9999-12-31T23:59:59.999999Z"}]}}, "cannot be read: year 10000"),
         ({"event": lambda _: {"events": [event, event], "first_kept": 1, "last": 1}}, "not in order"),
         ({"event": lambda _: page}, "cannot be stored"),
@@ -254,7 +259,7 @@ def test_arms_that_do_not_answer_do_not_hold_up_those_that_do(tmp_path):
             assert not copying.ask(well, {"a"}, last_values=False)  # it waits already
             outcomes = [copying.done.get(timeout=10.0) for _ in range(3)]
     assert well in {outcome.arm for outcome in outcomes}
-    assert {outcome.problem for outcome in outcomes if outcome.arm != well} == {"does not answer"}
+    assert {outcome.problem.text for outcome in outcomes if outcome.arm != well} == {"does not answer"}
     database.close()
 
 
@@ -277,9 +282,9 @@ def test_a_health_that_cannot_be_read_is_not_an_earlier_one(database):
         following = Following(database, inbox, {}, copying, 60.0, lambda: 5.0)
         inbox.tokens.put(("a", name, True))
         for payload, why in (
-            (b'{"state":"NORMAL","why":"no change"}', "no change"),
+            (orjson.dumps(whole("health", why="no change")), "no change"),
             (b'{"state":5', "cannot be read: "),
-            (b'{"state":"NORMAL"}', None),
+            (orjson.dumps(whole("health")), None),
             (b"[1]", "cannot be read: it is no JSON object"),
             (b" " * 1_000_001, "cannot be read: 1000001 bytes"),
         ):
@@ -287,8 +292,8 @@ def test_a_health_that_cannot_be_read_is_not_an_earlier_one(database):
             following.receive()
             following.write()
             arm = plant_status(database, 5.0).arms[0]
-            assert (arm.state, following.arms[name].state) == (("NORMAL",) * 2 if payload.startswith(b'{"state":"') else (None, None))
-            assert arm.why is None if why is None else why in arm.why
+            assert arm.shown.state == (None if why and "cannot" in why else "NORMAL")
+            assert why is None or why in arm.shown.said.text
 
 
 def test_an_arm_that_says_another_history_each_time_is_told_and_not_copied_for_ever(database):
@@ -317,29 +322,32 @@ def test_an_arm_that_says_another_history_each_time_is_told_and_not_copied_for_e
         assert audited() > before
 
 
+WELL = orjson.dumps(whole("health", why="well"))
+
+
 def test_one_document_that_cannot_be_stored_keeps_no_other_out(database):
     """One arm sends more levels than anybody can write, and another one was forgotten by somebody else: all others come through."""
     inbox, names = Inbox(), [ArmName("lab", f"cell-{k}") for k in range(3)]
-    deep = b'{"state":"NORMAL","why":"well","deep":' + b"[" * 900 + b"]" * 900 + b"}"
+    deep = WELL[:-1] + b',"deep":' + b"[" * 900 + b"]" * 900 + b"}"
     with Copying(database, {}, 0, lambda: 5.0) as copying:
         following = Following(database, inbox, {}, copying, 60.0, lambda: 5.0)
 
         def say(**documents):
             for name in names:
-                inbox.put(name, "health", documents.get(name.robot.replace("-", "_"), b'{"state":"NORMAL","why":"well"}'))
+                inbox.put(name, "health", documents.get(name.robot.replace("-", "_"), WELL))
             following.receive()
             following.write()
-            return {each.robot: each for each in plant_status(database, 5.0).arms}
+            return {each.name.robot: each for each in plant_status(database, 5.0).arms}
 
         for name in names:
             inbox.tokens.put(("a", name, True))
         found = say(cell_1=deep)
-        assert [found[name.robot].state for name in names] == ["NORMAL", None, "NORMAL"]
-        assert "its document health cannot be read: Recursion limit" in found["cell-1"].why
+        assert [found[name.robot].shown.state for name in names] == ["NORMAL", None, "NORMAL"]
+        assert "its document health cannot be read: Recursion limit" in found["cell-1"].shown.said.text
         forget(database, "lab/cell-2", who="ada")
-        found = say(cell_0=b'{"state":"FAILURE"}')
-        assert [found[name.robot].state for name in names[:2]] == ["FAILURE", "NORMAL"]
-        assert {each.state for each in say().values()} == {"NORMAL"}
+        found = say(cell_0=orjson.dumps(whole("health", state="FAILURE")))
+        assert [found[name.robot].shown.state for name in names[:2]] == ["FAILURE", "NORMAL"]
+        assert {each.shown.state for each in say().values()} == {"NORMAL"}
         assert len(say()) == 3  # it is there, so it comes back
 
 
@@ -349,27 +357,28 @@ def test_two_monitors_of_one_name_are_told_and_neither_is_copied(database):
 
     def say(started, history_id):
         store = {"history_id": history_id, "last_event": 3, "last_change": 3}
-        inbox.put(name, "monitor", orjson.dumps({"started_at": started, "store": store, "troubles": [], "at": next(ticks)}))
+        said = whole("monitor", started_at=f"2026-01-01T{started}:00Z", store=store, at=next(ticks))
+        inbox.put(name, "monitor", orjson.dumps(said))
 
     ticks = itertools.count()
     with Copying(database, {}, 0, lambda: 5.0) as copying:
         following = Following(database, inbox, {}, copying, 60.0, lambda: 5.0)
         inbox.tokens.put(("a", name, True))
-        for started, history_id in (("8:00", "x"), ("8:00", "x"), ("9:00", "x"), ("9:30", "x"), ("9:30", "y")):
+        for started, history_id in (("08:00", "x"), ("08:00", "x"), ("09:00", "x"), ("09:30", "x"), ("09:30", "y")):
             say(started, history_id)
             following.receive()
             following.write()
             assert plant_status(database, 5.0).arms[0].problem is None
         for _ in range(2):
-            say("7:00", "z")
-            say("9:30", "y")
+            say("07:00", "z")
+            say("09:30", "y")
         following.receive()
         following.write()
         (arm,) = plant_status(database, 5.0).arms
-        assert "two monitors speak as this arm" in arm.problem
+        assert arm.problem == DOUBLED
         assert following._to_copy == {}
         following.arms[name]._doubled_at -= 200.0  # one of them is ended
-        say("9:30", "y")
+        say("09:30", "y")
         following.receive()
         assert list(following._to_copy) == [name]
 
@@ -380,9 +389,7 @@ def test_an_arm_that_was_renamed_and_a_disk_that_was_copied_are_told(database):
         known(database, "lab", robot, 1.0)
     with database.write() as connection:
         connection.execute(sa.update(history_table).values(history_id=sa.case((history_table.c.arm == 3, "b"), else_="a")))
-        connection.execute(
-            sa.update(arm_table).where(arm_table.c.robot == "old").values(silent_since=1.0, silent_why="its monitor is gone")
-        )
+        connection.execute(sa.update(arm_table).where(arm_table.c.robot == "old").values(silent_since=1.0, silent_why=GONE))
     lines = {line.split()[1]: line for line in as_lines(plant_status(database, 5.0)) if "lab/" in line}
     assert "its history is that of lab/new as well: if it was renamed, joint-monitor plant forget lab/old" in lines["lab/old"]
     assert "its history is that of lab/old as well: was it renamed, or its disk copied?" in lines["lab/new"]

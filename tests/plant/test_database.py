@@ -13,6 +13,7 @@ from monitor.plant.backup import forget
 from monitor.plant.database import Database, DatabaseUnavailable, DataRefused
 from monitor.plant.ingest import enter, keep_last_values, known, set_arms
 from monitor.plant.tables import arm, friction, last_value, metadata
+from monitor.reason import reason_of
 
 
 def test_the_steps_make_the_tables_that_the_code_uses(database):
@@ -149,16 +150,16 @@ def test_a_server_that_does_not_get_on_is_waited_for(postgres):
 def test_a_silence_keeps_its_beginning_until_it_ends(database):
     """And last values replace each other."""
     number = known(database, "lab", "cell-1", 1.0).arm
-    for since, why in ((10.0, "gone"), (20.0, "still gone")):
+    for since, why in ((10.0, reason_of("gone")), (20.0, reason_of("still gone"))):
         set_arms(database, [{"number": number, "since": since, "why": why, "problem": None}])
     keep_last_values(database, {(number, "health"): (1.0, {"a": 1})})
     keep_last_values(database, {(number, "health"): (2.0, {"a": 2})})
     with database.read() as connection:
-        assert connection.execute(sa.select(arm.c.silent_since, arm.c.silent_why)).one() == (10.0, "still gone")
+        assert connection.execute(sa.select(arm.c.silent_since, arm.c.silent_why)).one() == (10.0, reason_of("still gone"))
         assert connection.execute(sa.select(last_value.c.heard_at, last_value.c.document)).all() == [(2.0, {"a": 2})]
-    set_arms(database, [{"number": number, "since": None, "why": None, "problem": "too old"}])
+    set_arms(database, [{"number": number, "since": None, "why": None, "problem": reason_of("too old")}])
     with database.read() as connection:
-        assert connection.execute(sa.select(arm.c.silent_since, arm.c.problem)).one() == (None, "too old")
+        assert connection.execute(sa.select(arm.c.silent_since, arm.c.problem)).one() == (None, reason_of("too old"))
 
 
 def test_arms_that_several_threads_enter_at_once_are_entered_once(database):

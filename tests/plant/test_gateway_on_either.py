@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 import sqlalchemy as sa
+from heard_documents import whole
 
 from monitor.errors import StoreUnavailable
 from monitor.gateway import run
@@ -13,10 +14,10 @@ from monitor.gateway.settings import load_gateway
 from monitor.gateway.source import Source
 from monitor.gateway.status import gateway_status
 from monitor.gateway.values import Delivery
+from monitor.plant.arm import ArmName
 from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_audit, add_transitions, enter, keep_last_values, known
-from monitor.plant.links import ArmName
 from monitor.plant.tables import audit
 from monitor.publish.documents import Event
 
@@ -39,7 +40,7 @@ ALERT = {
 def test_what_the_gateway_takes_and_owes_is_the_same_in_both_databases(database):
     """States, transitions by cursor, deliveries by key, answers as documents, times to the millisecond."""
     number = enter(database, [("hall", "cell-1")], AT_UNIX_S)["hall", "cell-1"]
-    keep_last_values(database, {(number, "health"): (AT_UNIX_S, {"state": "NORMAL", "alerts": []})})
+    keep_last_values(database, {(number, "health"): (AT_UNIX_S, whole("health"))})
     where = known(database, "hall", "cell-1", AT_UNIX_S)
     events = [
         Event.model_validate({**ALERT, "seq": seq, "at": datetime.fromtimestamp(AT_UNIX_S + seq, UTC), "kind": kind})
@@ -49,7 +50,7 @@ def test_what_the_gateway_takes_and_owes_is_the_same_in_both_databases(database)
     source, now = Source(database), [AT_UNIX_S + 10.0]
     outbox = Outbox(database, lambda: now[0])
     source.refresh()
-    assert source.arms()[ArmName("hall", "cell-1")].health["state"] == "NORMAL"
+    assert source.arms()[ArmName("hall", "cell-1")].shown.state == "NORMAL"
     for _ in range(2):
         taken = source.transitions(AT_UNIX_S)
         owed = [

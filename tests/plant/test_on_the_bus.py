@@ -16,6 +16,7 @@ from simulated import ALERT, BEGIN_UNIX_S, copied
 
 from monitor.config.load import from_document
 from monitor.errors import BusError
+from monitor.plant.arm import GONE, NO_WAY
 from monitor.plant.backup import forget
 from monitor.plant.database import Database
 from monitor.plant.metrics import plant_families
@@ -113,24 +114,24 @@ def test_a_plant_copies_its_arms_follows_them_and_tells_who_is_gone(site, addres
         until(plant, lambda: plant.trouble is None and copied(database) == site.truth())
         site.arms.pass_day()
         until(plant, lambda: copied(database) == site.truth())  # as soon as they say so, and not when a period is over
-        until(plant, lambda: all(each.state == "NORMAL" for each in plant_status(database).arms))
+        until(plant, lambda: all(each.shown.state == "NORMAL" for each in plant_status(database).arms))
         first = plant_status(database)
         assert (len(first.arms), first.not_running) == (ARMS, None)
 
         site.router.close()
-        until(plant, lambda: all("no way to it" in (each.silent_why or "") for each in plant_status(database).arms))
+        until(plant, lambda: {each.silent_why.code if each.silent_why else None for each in plant_status(database).arms} == {NO_WAY.code})
         site.arms.pass_day()
         site.open_router()
         until(plant, lambda: not any(each.silent_why for each in plant_status(database).arms) and copied(database) == site.truth())
 
         gone = site.arms._held[1]
         gone.undeclare()
-        until(plant, lambda: any(each.silent_why == "its monitor is gone" for each in plant_status(database).arms))
+        until(plant, lambda: any(each.silent_why == GONE for each in plant_status(database).arms))
         site.arms._held.remove(gone)
         worst = plant_status(database).arms[0]
-        assert worst.silent_why == "its monitor is gone"  # all others are well
-        assert "SILENT since" in "".join(line for line in as_lines(plant_status(database)) if worst.robot in line)
-        site_name, robot = worst.site, worst.robot
+        assert worst.silent_why == GONE  # all others are well
+        assert "SILENT since" in "".join(line for line in as_lines(plant_status(database)) if worst.name.robot in line)
+        site_name, robot = worst.name
         arm = plant.following.arms[next(name for name in plant.following.arms if name == (site_name, robot))]
         assert arm.ways == set()
         forget(database, f"{site_name}/{robot}", who="ada")

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import sqlalchemy as sa
+from heard_documents import whole
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from plant_screen import ALERT, ARMS, NOW, Browser, PlantOfATest, documents
@@ -20,15 +21,13 @@ from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import BadConfiguration, BadInput
-from monitor.plant.arm import DOUBLED
+from monitor.plant.arm import DOUBLED, ArmName, HeardArm, documents_of
 from monitor.plant.enrol.access import MOVES
 from monitor.plant.ingest import keep_last_values
-from monitor.plant.links import ArmName
 from monitor.plant.screen.fleet import shown_arm
 from monitor.plant.screen.people import NEEDED, Role, line_of, new_user, read_users, role_named, user_of
 from monitor.plant.screen.settings import ScreenSettings
 from monitor.plant.settings import load_plant
-from monitor.plant.status import arm_status
 from monitor.plant.tables import arm as arm_table
 from monitor.plant.tables import friction
 from monitor.publish.documents import Friction
@@ -91,12 +90,12 @@ DOCUMENT = st.dictionaries(st.sampled_from(["alerts", "joints", "state", "why", 
 def test_whatever_one_arm_says_the_screen_of_all_arms_is_drawn(health, monitor, info, alert):
     """Each field that the page reads has its type."""
     if isinstance(health, dict):
-        health = {**health, "alerts": [{**alert, "active": True}]}
-    row = {"site": "a", "robot": "b", "silent_since": None, "silent_why": None, "problem": None, "history": 1}
-    found = shown_arm(arm_status(row, {"health": health, "monitor": monitor, "info": info}, []))
+        health = whole("health", **{**health, "alerts": [{**ALERT, **alert, "active": True}]})
+    said = documents_of({"health": health, "monitor": monitor, "info": info}, NOW)
+    found = shown_arm(HeardArm(name=ArmName("a", "b"), **said), {}, NOW)
     text, perhaps = str, str | None
-    types = {"site": text, "robot": text, "grade": text, "model": perhaps, "state": perhaps, "why": perhaps, "silent_why": perhaps}
-    types |= {"problem": perhaps, "last_replay": perhaps, "unacknowledged": int, "histories": int}
+    types = {"site": text, "robot": text, "grade": text, "model": perhaps, "state": perhaps, "why": text, "silent_why": perhaps}
+    types |= {"problem": perhaps, "last_replay": perhaps, "waiting": int, "histories": int}
     assert all(isinstance(found[name], kind) for name, kind in types.items()), found
     assert all(isinstance(each, perhaps) for each in found["joints"])
     assert all(isinstance(each, str) for each in (*found["troubles"], *found["same_history"]))
@@ -391,7 +390,8 @@ def test_a_silent_arms_page_shows_what_was_copied_of_its_joints(tmp_path):
             "joint/1/friction": (0.05, "no_trend"),
             "joint/2/friction": (0.05, "trend"),
         }
-        monitor = {"last_replay": {"replay": 9, "window": "2026-01-07T05:00:00Z", "state": "failed", "reason": "the arm is in fault"}}
+        failed = {"replay": 9, "window": "2026-01-07T05:00:00Z", "state": "failed", "reason": "the arm is in fault"}
+        monitor = whole("monitor", last_replay=failed)
         keep_last_values(plant.database, {(1, "monitor"): (NOW, monitor)})
         shown = [(row["state"], row["count"], row["from"], row["window"], row["reason"]) for row in content.schedule()["windows"]]
         assert shown == [

@@ -14,10 +14,12 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from heard_documents import ALERT, SAID_AT, whole
 from prometheus_client.parser import text_string_to_metric_families
 from published import last_values
 
 from monitor.errors import BadInput, BusError
+from monitor.plant.arm import GONE
 from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING, enter, keep_last_values, set_note
 from monitor.plant.metrics import plant_families
@@ -59,6 +61,7 @@ MONITOR = {
     "last_replay": {"state": "assessed", "ended_at": "2026-01-05T02:00:00Z"}, "troubles": [{"name": "disk"}],
 }  # fmt: skip
 INSPECTION = {
+    "said_at": SAID_AT, "counted_since": SAID_AT, "on_h_per_day": 8.0, "stops_28_days": 3, "last_stops": [], "plan": None,
     "heard_h": 20.0, "on_h": 10.0, "moving_h": 5.0, "operating_h": 1010.0, "stops": 3, "stops_by_joint": [{"joint": 3, "stops": 2}],
     "items": [
         {"name": "flat rings", "state": "due", "due": "2026-01-04T00:00:00Z"},
@@ -82,10 +85,11 @@ def plant_of(folder):
     database.migrate()
     with database.write() as connection:
         for number, (robot, health) in enumerate(PLANT_ARMS.items(), start=1):
-            silent = {"silent_since": 1.0, "silent_why": "its monitor is gone"} if robot == "gone" else {}
+            silent = {"silent_since": 1.0, "silent_why": GONE} if robot == "gone" else {}
             connection.execute(sa.insert(arm), {"id": number, "site": "lab", "robot": robot, "first_seen": 1.0, "history": 1, **silent})
             said = {"health": health, "info": {"robot": {"model": "ur5"}, "version": "1.0"}, "inspection": INSPECTION}
             said["monitor"] = {"last_replay": {"window": "2026-01-05T02:00:00Z"}}
+            said = {key: whole(key, **document) for key, document in said.items()}
             rows = [{"arm": number, "key": key, "heard_at": 1.0, "document": document} for key, document in said.items()]
             connection.execute(sa.insert(last_value), rows)
     set_note(database, RUNNING, time.time(), {"ways": {"tcp/router:7447": False}, "copying": 0})
@@ -341,8 +345,8 @@ def test_the_plant_s_table_of_alerts_lists_those_whose_change_nobody_knows(tmp_p
     database = Database(tmp_path / "plant.sqlite")
     database.migrate()
     number = enter(database, [("lab", "cell-1")], 0.0)["lab", "cell-1"]
-    alert = {"joint": None, "condition": "stopped", "tier": "advisory", "active": True, "change": None}
-    keep_last_values(database, {(number, "health"): (0.0, {"state": "OFF_SPEC", "alerts": [alert], "joints": []})})
+    alert = {**ALERT, "joint": None, "condition": "stopped", "tier": "advisory", "change": 0.0}
+    keep_last_values(database, {(number, "health"): (0.0, whole("health", state="OFF_SPEC", alerts=[alert]))})
     shown = {sample.name for family in plant_families(database) for sample in family.samples if sample.labels.get("condition") == "stopped"}
     database.close()
     [board] = (json.loads(path.read_text("utf-8")) for path in BOARDS if "plant" in path.stem)

@@ -7,6 +7,7 @@ from unittest.mock import patch
 from urllib.parse import urlsplit
 
 import orjson
+from heard_documents import whole
 
 from monitor import __version__
 from monitor.errors import BusError
@@ -57,20 +58,23 @@ class ArmsOfATest:
 
 
 def joints(state="NORMAL"):
-    return [{"joint": k + 1, "state": state if k == 2 else "NORMAL", "why": "friction of joint 3 rises", "since": None} for k in range(6)]
+    return [
+        {"joint": k + 1, "state": state if k == 2 else "NORMAL", "why": "friction of joint 3 rises", "since": "2026-01-01T00:00:00Z"}
+        for k in range(6)
+    ]
 
 
 def filled(database, arms):
     """arms : by (site, robot), the documents of the arm."""
     numbers = enter(database, list(arms), NOW)
-    rows = {(numbers[name], key): (NOW, document) for name, documents in arms.items() for key, document in documents.items()}
+    rows = {(numbers[name], key): (NOW, whole(key, **document)) for name, documents in arms.items() for key, document in documents.items()}
     keep_last_values(database, rows)
     set_note(database, RUNNING, time.time(), {"ways": {"tcp/127.0.0.1:7447": True}, "copying": 0})
 
 
 def documents(state="NORMAL", model="ur5e", alerts=()):
     return {
-        "health": {"state": state, "why": "friction of joint 3 rises", "since": None, "joints": joints(state), "alerts": list(alerts)},
+        "health": {"state": state, "why": "friction of joint 3 rises", "joints": joints(state), "alerts": list(alerts)},
         "info": {"robot": {"model": model, "mounting": "ground", "payload_kg": 1.0, "tool": "gripper"}, "version": __version__},
     }
 

@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from heard_documents import ALERT, FRICTION
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.conditions import CAUSES, CONDITIONS, FRICTION_CHANGED, NOTHING_MOVES
 from monitor.judge.alerts.states import ALERT_ACTIVE_BY, IN_PERIOD, OF_JOINT, stale_reason
+from monitor.publish.documents import Alert, Friction
 from monitor.reason import SENTENCES, Reason, reason_from, reason_of, together, with_reasons
 from monitor.store.history.motions import STOPPED
 from monitor.views.alert_sentence import JointPast, sentences
@@ -20,7 +22,6 @@ from monitor.views.web.settings import PageSettings
 ROOT = Path(__file__).parents[2]
 OTHERS = [code for code in LANGUAGES if code != "en"]
 NOVEMBER, DAY_S = 1_794_787_200.0, 86_400.0  # 2026-11-16
-ALERT = {"joint": 3, "condition": "wear_rising", "tier": "wear", "active": True, "change": 0.09, "text": "", "action": "Plan."}
 
 
 @pytest.mark.parametrize("code", OTHERS)
@@ -133,7 +134,12 @@ def test_an_unknown_language_is_refused_by_the_settings():
 
 
 def life(p10, p50, p90, verdict="trend"):
-    return {"remaining_life": {"p10_days": p10, "p50_days": p50, "p90_days": p90, "verdict": verdict}}
+    left = {"trend_probability": 0.9, "p10_days": p10, "p50_days": p50, "p90_days": p90, "verdict": verdict}
+    return Friction.model_validate({**FRICTION, "joint": 3, "remaining_life": left})
+
+
+def alert_of(**more):
+    return Alert.model_validate({**ALERT, "change": 0.09, "text": "", "action": "Plan.", **more})
 
 
 @pytest.mark.parametrize(
@@ -161,19 +167,19 @@ def life(p10, p50, p90, verdict="trend"):
 def test_an_alert_leads_with_what_when_and_by_when(friction, tier, pace, due):
     """Days where the date is near, parts of a month where it is far; nothing is claimed that the interval does not hold."""
     past = JointPast(friction, NOVEMBER - 365 * DAY_S, NOVEMBER)
-    told = sentences(ALERT | {"tier": tier}, past, NOVEMBER, ENGLISH)
+    told = sentences(alert_of(tier=tier), past, NOVEMBER, ENGLISH)
     assert told.headline == "Elbow turns 9\u00a0% heavier than in November 2025."
     assert (told.pace, told.due) == (pace, due)
-    german = sentences(ALERT | {"tier": tier}, past, NOVEMBER, language("de"))
+    german = sentences(alert_of(tier=tier), past, NOVEMBER, language("de"))
     assert german.headline == "Ellbogen dreht 9\u00a0% schwerer als im November 2025."
     assert not re.search(r"\b(the|at|in|by|it|May|to)\b", german.pace.replace(" in ", " "))
 
 
 def test_a_rise_counts_from_the_lowest_friction_held():
     """After grease that took, the comparison is with the day on which friction was lowest."""
-    alert = ALERT | {"lowest_at": "2026-10-30T12:00:00Z"}
+    alert = alert_of(lowest_at="2026-10-30T12:00:00Z")
     assert sentences(alert, JointPast(), NOVEMBER, ENGLISH).headline == "Elbow turns 9\u00a0% heavier than on 30 October."
-    assert sentences(ALERT, JointPast(), NOVEMBER, ENGLISH).headline == "Elbow turns 9\u00a0% heavier than at the beginning."
+    assert sentences(alert_of(), JointPast(), NOVEMBER, ENGLISH).headline == "Elbow turns 9\u00a0% heavier than at the beginning."
 
 
 def test_every_condition_has_a_headline_in_every_language():
@@ -182,7 +188,7 @@ def test_every_condition_has_a_headline_in_every_language():
         for name, condition in CONDITIONS.items():
             for joint in [3] * (condition.joint is not None) + [None] * (condition.joint is None or condition.arm is not None):
                 tier = next(iter(condition.tiers))
-                alert = ALERT | {"joint": joint, "condition": name, "tier": tier, "text": "Something is so. More.", "change": -0.06}
+                alert = alert_of(joint=joint, condition=name, tier=tier, text="Something is so. More.", change=-0.06)
                 headline = sentences(alert, JointPast(), NOVEMBER, language(code)).headline
                 assert headline.endswith(".")
                 assert "_" not in headline

@@ -69,7 +69,7 @@ def test_the_focus_stays_at_an_alert_when_others_change(blank):
     ]  # fmt: skip
     labels = page.locator("#active button").evaluate_all("all => all.map(one => one.getAttribute('aria-label') || one.textContent)")
     assert len({label for label in labels if "Look" not in label}) == sum("Look" not in label for label in labels) == 21
-    expect(page.locator('[data-key="5/wear_rising"]')).to_have_attribute("data-state", "advice")  # its joint is NORMAL
+    expect(page.locator('[data-key="5/wear_rising"]')).to_have_attribute("data-state", "NOTICE")  # its joint is NORMAL
     # a condition of the data has no probability
     assert "Probability" not in page.locator('[data-key="4/temperature_sensor"]').text_content()
     assert "has fallen" in page.locator('[data-key="3/friction_falling"]').text_content()

@@ -17,12 +17,13 @@ from monitor.errors import BadInput
 from monitor.gateway.channel import Surroundings
 from monitor.gateway.commands import Commands
 from monitor.gateway.connection import NotReached, Steps
-from monitor.gateway.figures import MOST_JOINTS, Alert, ArmFigures, figures, unacknowledged
 from monitor.gateway.mqtt.broker import Broker, MqttSettings, connected, heard_topics
 from monitor.gateway.mqtt.messages import OFFLINE, ONLINE, ArmTopics, discovery, gateway, messages, named
-from monitor.gateway.values import ArmState, Delivery, Transition
-from monitor.plant.links import ArmName
+from monitor.gateway.values import Delivery, Transition
+from monitor.plant.arm import MOST_JOINTS, ArmName, HeardArm
 from monitor.plant.screen.people import Role
+from monitor.publish.documents import Alert
+from monitor.publish.shown import unacknowledged
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +43,7 @@ class MqttChannel:
         self._folder: Path = surroundings.plant.folder
         self._broker: Broker | None = None
         self._told: dict[str, bytes] = {}  # digest of what the broker keeps, by topic
-        self._seen: dict[ArmName, tuple[ArmState, ArmFigures, bool]] = {}  # what it was told of: the state, and whether it was heard
+        self._seen: dict[ArmName, tuple[HeardArm, bool]] = {}  # what it was told of: the state, and whether it was heard
         self._due: dict[ArmName, None] = {}  # to be told, in order
         self._gone: dict[ArmTopics, None] = {}  # to be cleared
         self._online = False
@@ -130,11 +131,9 @@ class MqttChannel:
         if not arms:
             return
         for name, state in arms.items():
-            before = self._seen.get(name)
-            now_figures = figures(state) if before is None or before[0] is not state else before[1]
-            heard = now_figures.silence(now_unix_s) is None
-            if before is None or before[0] is not state or before[2] != heard:
-                self._seen[name] = (state, now_figures, heard)
+            before, heard = self._seen.get(name), state.silence(now_unix_s) is None
+            if before is None or before[0] is not state or before[1] != heard:
+                self._seen[name] = (state, heard)
                 self._due[name] = None
         for name in [name for name in self._seen if name not in arms]:
             del self._seen[name]
@@ -147,7 +146,7 @@ class MqttChannel:
                 self._gone[found] = None  # told by an earlier run, and removed since
 
     def _tell(self, broker: Broker, name: ArmName, now_unix_s: float) -> None:
-        topics, arm = self._topics(name), self._seen[name][1]
+        topics, arm = self._topics(name), self._seen[name][0]
         told = messages(arm, topics, now_unix_s)
         if self._settings.home_assistant:
             announced = discovery(arm, topics, acknowledge=self._settings.allow_acknowledge)
@@ -205,7 +204,7 @@ class MqttChannel:
             if known is None:
                 raise BadInput(f"{name} is no arm of the plant")
             about = _request(payload)
-            done, text = acknowledge(self._commands, name, asked_for(known[1].alerts, about), about)
+            done, text = acknowledge(self._commands, name, asked_for(known[0].alerts, about), about)
         except BadInput as error:
             log.warning("mqtt: a message on %r is refused: %s", topic, error)
             done, text = 0, str(error)
@@ -237,7 +236,7 @@ def asked_for(alerts: Sequence[Alert], about: Mapping[str, Any]) -> list[Alert]:
     return [
         each
         for each in unacknowledged(alerts)
-        if ("joint" not in about or each.get("joint") == about["joint"]) and about.get("condition", each["condition"]) == each["condition"]
+        if ("joint" not in about or each.joint == about["joint"]) and about.get("condition", each.condition) == each.condition
     ]
 
 
@@ -245,7 +244,7 @@ def acknowledge(commands: Commands, name: ArmName, alerts: Sequence[Alert], abou
     """Acknowledge alerts at the arm itself, until it refuses one. Returns how many, and what to tell."""
     who = " ".join(str(about.get("by") or "somebody").split())[:LONGEST_NAME]
     for done, alert in enumerate(alerts):
-        document = {"joint": alert.get("joint"), "condition": alert["condition"], "why": str(about.get("why") or "")[:LONGEST_WHY]}
+        document = {"joint": alert.joint, "condition": alert.condition, "why": str(about.get("why") or "")[:LONGEST_WHY]}
         try:
             # whoever the broker lets publish there has this role, because `allow_acknowledge` says so
             commands.send(name, "ack", document, who=f"{who} (MQTT)", role=Role.acknowledge, via="mqtt")

@@ -4,14 +4,17 @@ A level of a topic may be any text without `/`, `+`, `#` and NUL; a name in Home
 """
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
 import orjson
 
 from monitor import __version__
-from monitor.gateway.figures import MANUFACTURER, ArmFigures, JointFigures, unacknowledged
 from monitor.judge.alerts.health import STATES
+from monitor.plant.arm import MANUFACTURER, HeardArm, HeardJoint, Silence
+from monitor.publish.documents import as_json
+from monitor.publish.shown import unacknowledged
 from monitor.publish.timestamps import rfc3339
 
 GATEWAY = "availability"  # below the root: whether the gateway is connected
@@ -96,54 +99,56 @@ def _bytes(character: str) -> str:
 # --- What is published of an arm: its retained messages by topic
 
 
-def messages(arm: ArmFigures, topics: ArmTopics, now_unix_s: float) -> dict[str, bytes]:
+def messages(arm: HeardArm, topics: ArmTopics, now_unix_s: float) -> dict[str, bytes]:
     """The retained messages of an arm, by topic; its availability is the last one, so that nobody believes old values."""
     silence = arm.silence(now_unix_s)
-    told = {topics.state: _json(_arm(arm, silence)), topics.alerts: _json({"alerts": list(arm.alerts)})}
+    alerts = [as_json(each) for each in arm.alerts]
+    told = {topics.state: _json(_arm(arm, silence)), topics.alerts: _json({"alerts": alerts})}
     told |= {topics.joint(joint.joint): _json(_joint(joint)) for joint in arm.joints}
     return told | {topics.availability: (OFFLINE if silence else ONLINE).encode()}
 
 
-def _arm(arm: ArmFigures, silence: tuple[float | None, str] | None) -> dict[str, Any]:
-    since, why = silence or (None, None)
+def _arm(arm: HeardArm, silence: Silence | None) -> dict[str, Any]:
+    health, monitor = arm.health, arm.monitor
     return {
-        "site": arm.site,
-        "robot": arm.robot,
+        "site": arm.name.site,
+        "robot": arm.name.robot,
         "model": arm.model,
         "serial": arm.serial,
-        "state": arm.state,
-        "why": arm.why,
-        "since": _time(arm.since_unix_s),
-        "stale": arm.stale,
+        "state": arm.shown.state,
+        "why": arm.shown.said.text,
+        "since": _time(None if health is None else health.since),
+        "stale": health is not None and health.stale,
         "alerts": len(arm.alerts),
         "unacknowledged": len(unacknowledged(arm.alerts)),
-        "last_replay": _time(arm.last_replay_unix_s),
-        "next_replay": _time(arm.next_replay_unix_s),
+        "last_replay": _time(None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at),
+        "next_replay": _time(None if health is None else health.next_replay_due),
         "troubles": list(arm.troubles),
-        "silent_since": _time(since),
-        "silent_why": why,
+        "silent_since": None if silence is None or silence.since_unix_s is None else rfc3339(silence.since_unix_s),
+        "silent_why": None if silence is None else silence.why.text,
         "version": arm.version,
     }
 
 
-def _joint(joint: JointFigures) -> dict[str, Any]:
-    p10, p50, p90 = joint.life_days
+def _joint(joint: HeardJoint) -> dict[str, Any]:
+    said, of = joint.said, joint.friction
+    life = None if of is None else of.remaining_life
     return {
         "joint": joint.joint,
-        "state": joint.state,
-        "why": joint.why,
-        "since": _time(joint.since_unix_s),
-        "stale": joint.stale,
-        "learnt_at": _time(joint.learnt_unix_s),
-        "measured_at": _time(joint.measured_unix_s),
-        "wear_percent": _percent(joint.wear),
-        "wear_std_percent": _percent(joint.wear_std),
-        "temperature_c": _rounded(joint.temperature_c, 2),
-        "friction_nm": _rounded(joint.friction_nm, 3),
-        "remaining_life_p10_days": _rounded(p10, 1),
-        "remaining_life_p50_days": _rounded(p50, 1),
-        "remaining_life_p90_days": _rounded(p90, 1),
-        "trend_probability": _rounded(joint.trend_probability, 4),
+        "state": joint.shown.state,
+        "why": joint.shown.said.text,
+        "since": _time(None if said is None else said.since),
+        "stale": said is not None and said.stale,
+        "learnt_at": _time(None if said is None else said.learnt_at),
+        "measured_at": _time(None if of is None else of.recorded_at),
+        "wear_percent": _rounded(None if of is None else 100.0 * of.wear, 3),
+        "wear_std_percent": _rounded(None if of is None else 100.0 * of.wear_std, 3),
+        "temperature_c": _rounded(None if of is None else of.temperature_c, 2),
+        "friction_nm": _rounded(None if of is None else of.reference_torque_nm, 3),
+        "remaining_life_p10_days": _rounded(None if life is None else life.p10_days, 1),
+        "remaining_life_p50_days": _rounded(None if life is None else life.p50_days, 1),
+        "remaining_life_p90_days": _rounded(None if life is None else life.p90_days, 1),
+        "trend_probability": _rounded(None if life is None else life.trend_probability, 4),
         "alerts": len(joint.alerts),
         "unacknowledged": len(unacknowledged(joint.alerts)),
     }
@@ -153,16 +158,12 @@ def _json(document: Mapping[str, Any]) -> bytes:
     return orjson.dumps(document)
 
 
-def _time(unix_s: float | None) -> str | None:
-    return None if unix_s is None else rfc3339(unix_s)
+def _time(at: datetime | None) -> str | None:
+    return None if at is None else rfc3339(at.timestamp())
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
-
-
-def _percent(fraction: float | None) -> float | None:
-    return None if fraction is None else round(100.0 * fraction, 3)
 
 
 # --- Home Assistant's device discovery of an arm: a device a robot, entities of the arm and of each joint
@@ -207,7 +208,7 @@ _OF_JOINT: tuple[tuple[str, str, str, Mapping[str, Any]], ...] = (
 )
 
 
-def discovery(arm: ArmFigures, topics: ArmTopics, *, acknowledge: bool) -> bytes:
+def discovery(arm: HeardArm, topics: ArmTopics, *, acknowledge: bool) -> bytes:
     """The discovery message of an arm.
 
     acknowledge : whether buttons are offered that acknowledge the alerts of the arm, and of each joint; where they are not, those that an
@@ -236,16 +237,16 @@ def discovery(arm: ArmFigures, topics: ArmTopics, *, acknowledge: bool) -> bytes
     )
 
 
-def _device(arm: ArmFigures, topics: ArmTopics) -> dict[str, Any]:
+def _device(arm: HeardArm, topics: ArmTopics) -> dict[str, Any]:
     known = {
         "model": arm.model,
         "serial_number": arm.serial,
         "sw_version": arm.firmware,
-        "suggested_area": arm.site,
+        "suggested_area": arm.name.site,
     }
     return {
         "identifiers": [topics.identity],
-        "name": f"{arm.site} {arm.robot}",
+        "name": " ".join(arm.name),
         "manufacturer": MANUFACTURER,
         **{key: value for key, value in known.items() if value},
     }

@@ -10,14 +10,17 @@ from monitor import __version__
 from monitor.gateway.channel import Surroundings
 from monitor.gateway.notify.routing import ALREADY, ESCALATION, FLEET, REPORT, NotifySettings, RecipientSettings, Route, time_of_day
 from monitor.gateway.outbox import Owed
-from monitor.gateway.values import ACTIVE, CLEARED, ENDED, GRAVER, MILDER, RAISED, ArmState, Delivery, Transition, gravity, page_of
-from monitor.views.alert_sentence import JointPast, sentences
+from monitor.gateway.values import ACTIVE, CLEARED, GRAVER, MILDER, RAISED, Delivery, Transition, page_of
+from monitor.plant.arm import HeardArm, worst_first
+from monitor.publish.documents import Alert
+from monitor.publish.shown import TIER_WORDS, Grade, Person, gravest_first, person, tier_gravity, waiting
+from monitor.views.alert_sentence import JointPast, Sentences, deciding, sentences
 from monitor.views.language.catalogue import Language, full_day, moment
+from monitor.views.report.alerts import chip
 from monitor.views.report.html import Markup, escaped, heading, page, paragraph, table
 
 N_ = str  # marks a text for the catalogue
 LISTED = 50  # transitions that a message tells in full; of each further one it has a line
-TIERS = {"advisory": N_("advisory"), "wear": N_("wear"), "limit": N_("limit")}
 KINDS = {
     RAISED: N_("raised"),
     GRAVER: N_("graver than before"),
@@ -42,15 +45,14 @@ class Message:
 
 
 def alert_message(
-    kind: str, transitions: Sequence[Mapping[str, Any]], say: Language, zone: ZoneInfo, link: str, escalate_days: float = 0.0
+    kind: str, transitions: Sequence[Transition], say: Language, zone: ZoneInfo, link: str, escalate_days: float = 0.0
 ) -> tuple[str, str]:
     """Subject and text about these transitions, the gravest first."""
-    ordered = sorted(transitions, key=lambda each: (each["kind"] == CLEARED, -gravity(str(each["tier"])), each["site"], each["robot"]))
-    arms = list(dict.fromkeys(f"{each['site']}/{each['robot']}" for each in ordered))
+    ordered = sorted(transitions, key=lambda each: (each.kind == CLEARED, -tier_gravity(each.tier), each.arm))
+    arms = list(dict.fromkeys(each.arm for each in ordered))
     first = ordered[0]
     if kind == FLEET:
-        condition = say.word(str(first["condition"]))
-        subject = say.say("{count} arms, one cause? {condition}", count=len(arms), condition=condition)
+        subject = say.say("{count} arms, one cause? {condition}", count=len(arms), condition=say.word(first.condition))
         opening = say.say(
             "The same has come to {count} arms: look first for what they share (temperature, supply, a common change). "
             "Of this condition you get at most one message a day.",
@@ -75,45 +77,40 @@ def alert_message(
     return one_line(subject), "\n\n".join(parts) + "\n"
 
 
-def _title(first: Mapping[str, Any], say: Language, count: int) -> str:
-    mark = say.say(TIERS.get(first["tier"], first["tier"])) if first["kind"] != CLEARED else say.say("over")
-    title = f"[{mark}] {first['site']}/{first['robot']}: {headline(first, say)}"
+def _title(first: Transition, say: Language, count: int) -> str:
+    mark = say.say("over") if first.kind == CLEARED else _tier(first.tier, say)
+    title = f"[{mark}] {first.arm}: {_said(first, say).headline}"
     return title if count == 1 else say.say("{title} (and {count} more)", title=title, count=count - 1)
 
 
-def headline(transition: Mapping[str, Any], say: Language) -> str:
-    """The sentence that an alert leads with; the arm's own text where its document lacks what that needs."""
-    return _sentences(transition, say)[0]
+def _said(told: Transition, say: Language) -> Sentences:
+    return sentences(told.alert, JointPast(), told.at_unix_s, say)
 
 
-def _sentences(transition: Mapping[str, Any], say: Language) -> tuple[str, str]:
-    """What is the case, and what to do."""
-    event = {"active": transition["after"] != ENDED, "action": "", "text": "", **transition["event"]}
-    try:
-        found = sentences(event, JointPast(), float(transition["at_unix_s"]), say)
-    except (KeyError, TypeError, ValueError):
-        return say.at(event, "text") or say.word(str(transition["condition"])), say.at(event, "action")
-    return found.headline, found.due
+def _tier(tier: str, say: Language) -> str:
+    return say.say(TIER_WORDS.get(tier, tier))
 
 
-def _paragraph(each: Mapping[str, Any], say: Language, zone: ZoneInfo, link: str) -> Iterable[str]:
-    what, action = _sentences(each, say)
-    yield f"{each['site']}/{each['robot']}: {what}"
-    tier = say.say(TIERS.get(each["tier"], each["tier"]))
-    kind = say.say(KINDS.get(each["kind"], each["kind"]))
-    yield say.say("Tier {tier}, {kind}, {at}.", tier=tier, kind=kind, at=local(float(each["at_unix_s"]), zone))
-    text = say.at({"text": each["text"], **each["event"]}, "text")
-    if text and text != what:
+def _kind(told: Transition, say: Language) -> str:
+    return say.say(KINDS.get(told.kind, told.kind))
+
+
+def _paragraph(each: Transition, say: Language, zone: ZoneInfo, link: str) -> Iterable[str]:
+    said = _said(each, say)
+    yield f"{each.arm}: {said.headline}"
+    yield say.say("Tier {tier}, {kind}, {at}.", tier=_tier(each.tier, say), kind=_kind(each, say), at=local(each.at_unix_s, zone))
+    text = say.at(each.alert, "text")
+    if text and text != said.headline:
         yield text
-    if action and each["kind"] != CLEARED:
-        yield say.say("To do: {action}", action=action)
-    if page := page_of(link, each["site"], each["robot"], each["condition"]):
+    if said.due and each.kind != CLEARED:
+        yield say.say("To do: {action}", action=said.due)
+    if page := page_of(link, each):
         yield page
 
 
-def _line(each: Mapping[str, Any], say: Language, zone: ZoneInfo) -> str:
-    tier, kind = say.say(TIERS.get(each["tier"], each["tier"])), say.say(KINDS.get(each["kind"], each["kind"]))
-    return f"{each['site']}/{each['robot']}: {_sentences(each, say)[0]} [{tier}, {kind}, {local(float(each['at_unix_s']), zone)}]"
+def _line(each: Transition, say: Language, zone: ZoneInfo) -> str:
+    about = f"{_tier(each.tier, say)}, {_kind(each, say)}, {local(each.at_unix_s, zone)}"
+    return f"{each.arm}: {_said(each, say).headline} [{about}]"
 
 
 def local(unix_s: float, zone: ZoneInfo) -> str:
@@ -128,8 +125,6 @@ def one_line(text: str) -> str:
 
 # --- the report of a plant: all arms, the worst first, and what has happened in a period; one page that can be printed
 
-SICK = ("FAILURE", "MAINTENANCE_REQUIRED")
-ORDER = (*SICK, "OFF_SPEC", "CHECK_FUNCTION", None, "NORMAL")
 LISTED_IN_MAIL = 20  # arms and changes in the text of the mail; the page has all
 ROWS = 2000  # changes on the page
 
@@ -143,7 +138,7 @@ class PlantPage(NamedTuple):
 
 
 def plant_page(
-    arms: Sequence[ArmState],
+    arms: Sequence[HeardArm],
     changes: Sequence[Transition],
     begin_unix_s: float,
     end_unix_s: float,
@@ -153,8 +148,8 @@ def plant_page(
     link: str = "",
 ) -> PlantPage:
     """The report of these arms. changes : transitions of the period, the oldest first."""
-    ordered = sorted(arms, key=_rank)
-    sick = [arm for arm in ordered if arm.health.get("state") in SICK]
+    ordered = worst_first(arms, at_unix_s)
+    sick = [arm for arm in ordered if arm.grade is Grade.SICK]
     subtitle = say.say(
         "{begin} to {end}; made on {made} by joint-monitor {version}. Times are {zone}.",
         begin=full_day(begin_unix_s, say),
@@ -164,78 +159,56 @@ def plant_page(
         zone=str(zone),
     )
     told = [each for each in changes if each.changes_tier]
-    parts = [paragraph(_counts(arms, say), "lead"), heading(say.say("Arms, the worst first"))]
+    parts = [paragraph(_counts(arms, at_unix_s, say), "lead"), heading(say.say("Arms, the worst first"))]
     columns = [say.say(title) for title in ("Arm", "State", "Since", "Active alerts", "Heard")]
-    parts.append(table(columns, [_arm_row(arm, say, zone, link) for arm in ordered]))
+    parts.append(table(columns, [_arm_row(arm, at_unix_s, say, zone, link) for arm in ordered]))
     parts.append(heading(say.say("What has changed")))
     if told:
         columns = [say.say(title) for title in ("When", "Arm", "What", "Tier", "Change")]
         parts.append(table(columns, [_change_row(each, say, zone) for each in told[-ROWS:]]))
     else:
         parts.append(paragraph(say.say("Nothing: no alert was raised, changed or cleared.")))
-    lines = [_counts(arms, say)]
-    shown = [f"  {arm.name}: {say.at(arm.health, 'why')}" for arm in sick[:LISTED_IN_MAIL]]
+    lines = [_counts(arms, at_unix_s, say)]
+    shown = [f"  {arm.name}: {deciding(arm.shown, at_unix_s, say)}" for arm in sick[:LISTED_IN_MAIL]]
     lines += ["\n".join(shown)] if shown else []
     lines.append(say.say("{count} changes of alerts.", count=len(told)))
     return PlantPage(page(say.say("Report of the plant"), subtitle, parts, say.code), lines, len(sick))
 
 
-def _rank(arm: ArmState) -> tuple[int, int, str]:
-    state = arm.health.get("state")
-    return ORDER.index(state) if state in ORDER else len(ORDER), -len(arm.alerts), str(arm.name)
-
-
-def _counts(arms: Sequence[ArmState], say: Language) -> str:
-    sick = sum(arm.health.get("state") in SICK for arm in arms)
-    silent = sum(arm.silent_since_unix_s is not None for arm in arms)
-    waiting = sum(not alert.get("acknowledged_at") for arm in arms for alert in arm.alerts)
+def _counts(arms: Sequence[HeardArm], now_unix_s: float, say: Language) -> str:
     return say.say(
         "{arms} arms: {sick} need somebody, {silent} are silent; {waiting} alerts wait for a person.",
         arms=len(arms),
-        sick=sick,
-        silent=silent,
-        waiting=waiting,
+        sick=sum(arm.grade is Grade.SICK for arm in arms),
+        silent=sum(arm.silent is not None for arm in arms),
+        waiting=sum(len(waiting(arm.alerts, now_unix_s)) for arm in arms),
     )
 
 
-def _arm_row(arm: ArmState, say: Language, zone: ZoneInfo, link: str) -> list[object]:
-    state = arm.health.get("state")
-    kind = "bad" if state in SICK else "good" if state == "NORMAL" else "warn"
-    alerts = "".join(
-        f"<div>{escaped(_alert(alert, say))}</div>" for alert in sorted(arm.alerts, key=lambda each: -gravity(str(each.get("tier"))))
-    )
+def _arm_row(arm: HeardArm, now_unix_s: float, say: Language, zone: ZoneInfo, link: str) -> list[object]:
+    alerts = "".join(f"<div>{escaped(_alert(alert, now_unix_s, say))}</div>" for alert in gravest_first(arm.alerts))
     name = escaped(arm.name)
-    if arm.silent_since_unix_s is not None:
-        heard = say.say("silent since {at}", at=local(arm.silent_since_unix_s, zone))
+    if arm.silent is not None:
+        heard = say.say("silent since {at}", at=local(arm.silent.since_unix_s or 0.0, zone))
     else:
         heard = local(max(arm.heard_at_unix_s.values()), zone) if arm.heard_at_unix_s else "–"
+    since = None if arm.health is None else arm.health.since
     return [
         Markup(f'<a href="{escaped(link)}/arms/{name}/">{name}</a>') if link else str(arm.name),
-        Markup(f'<span class="chip {kind}">{escaped(say.word(str(state)) if state else "–")}</span>'),
-        str(arm.health.get("since") or "–")[:10],
+        chip(arm.shown.pill, say),
+        "–" if since is None else f"{since:%Y-%m-%d}",
         Markup(alerts or "–"),
         heard,
     ]
 
 
-def _alert(alert: Any, say: Language) -> str:
-    tier = say.say(TIERS.get(str(alert.get("tier")), str(alert.get("tier"))))
-    seen = "" if alert.get("acknowledged_at") else f" ({say.say('waits for a person')})"
-    return f"{tier}: {say.at(alert, 'text') or say.word(str(alert.get('condition')))}{seen}"
+def _alert(alert: Alert, now_unix_s: float, say: Language) -> str:
+    waits = f" ({say.say('waits for a person')})" if person(alert, now_unix_s) is Person.WAITS else ""
+    return f"{_tier(alert.tier, say)}: {say.at(alert, 'text') or say.word(alert.condition)}{waits}"
 
 
 def _change_row(each: Transition, say: Language, zone: ZoneInfo) -> list[object]:
-    what = {
-        "at_unix_s": each.at_unix_s,
-        **{"after": each.after, "event": each.document, "text": each.text, "condition": each.condition},
-    }
-    return [
-        local(each.at_unix_s, zone),
-        str(each.arm),
-        headline(what, say),
-        say.say(TIERS.get(each.tier, each.tier)),
-        say.say(KINDS.get(each.kind, each.kind)),
-    ]
+    return [local(each.at_unix_s, zone), str(each.arm), _said(each, say).headline, _tier(each.tier, say), _kind(each, say)]
 
 
 # --- the weekly and the monthly report: when each is due, and its message; I/O through the outbox alone
@@ -313,7 +286,7 @@ def last_period(period: str, settings: NotifySettings, recipient: RecipientSetti
     return datetime.combine(before(day), at, zone).timestamp(), datetime.combine(day, at, zone).timestamp()
 
 
-def _concerns(recipient: RecipientSettings, arm: ArmState) -> bool:
+def _concerns(recipient: RecipientSettings, arm: HeardArm) -> bool:
     return recipient.concerns(arm.name.site, arm.name.robot, "") or any(
-        recipient.concerns(arm.name.site, arm.name.robot, str(alert.get("condition"))) for alert in arm.alerts
+        recipient.concerns(arm.name.site, arm.name.robot, alert.condition) for alert in arm.alerts
     )

@@ -29,9 +29,10 @@ from monitor.gateway.notify.routing import (
 )
 from monitor.gateway.notify.services import AppriseWay, WebhookWay
 from monitor.gateway.outbox import Owed
-from monitor.gateway.values import Delivery, Transition, gravity, time_said
-from monitor.plant.links import ArmName
+from monitor.gateway.values import Delivery, Transition, transition_of
+from monitor.plant.arm import ArmName
 from monitor.plant.settings import PlantConfiguration
+from monitor.publish.shown import tier_gravity
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import language
 
@@ -140,10 +141,9 @@ class People:
         """Until when an alert that nobody has acknowledged is shelved; now where it is not; None where nobody need be told."""
         arm = self._surroundings.arms().get(ArmName(document["site"], document["robot"]))
         alert = arm.alert(document["joint"], document["condition"]) if arm is not None else None
-        if alert is None or alert.get("acknowledged_at") or gravity(str(alert.get("tier"))) < WEAR:
+        if alert is None or alert.acknowledged_at is not None or tier_gravity(alert.tier) < WEAR:
             return None
-        until = time_said(alert.get("shelved_until"))
-        return now_unix_s if until is None else max(until, now_unix_s)
+        return now_unix_s if alert.shelved_until is None else max(alert.shelved_until.timestamp(), now_unix_s)
 
     def _gather(self, owed: list[Owed], now_unix_s: float) -> None:
         stuck = _stuck(owed)
@@ -194,7 +194,8 @@ class People:
         if kind == REPORT and self._periods is not None:
             return self._periods.message(name, deliveries[0], at, say, zone)
         transitions = tuple(each.document for each in deliveries)
-        subject, text = alert_message(kind, transitions, say, zone, self._surroundings.link, self._settings.escalate_days)
+        told, link = [transition_of(each) for each in transitions], self._surroundings.link
+        subject, text = alert_message(kind, told, say, zone, link, self._settings.escalate_days)
         return Message(name=name, kind=kind, recipient=recipient, subject=subject, text=text, made_at_unix_s=at, transitions=transitions)
 
 

@@ -10,15 +10,16 @@ from datetime import UTC, datetime, timedelta
 from datetime import time as TimeOfDay  # noqa: N812 - `time` is the module elsewhere
 from email.utils import parseaddr
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from annotated_types import Interval
 
 from monitor.errors import BadInput
 from monitor.gateway.outbox import Owed
-from monitor.gateway.values import ACTIVE, CLEARED, ENDED, GRAVER, PLANT_SILENT, RAISED, Delivery, Transition, gravity
+from monitor.gateway.values import ACTIVE, CLEARED, ENDED, GRAVER, PLANT_SILENT, RAISED, Delivery, Transition, document_of
 from monitor.judge.alerts.health import TIERS
+from monitor.publish.shown import tier_gravity
 from monitor.recording import DAY_S
 from monitor.views.language.catalogue import LANGUAGES
 from monitor.views.web.settings import is_loopback
@@ -187,7 +188,7 @@ ALERT, ALREADY, ESCALATION, REPORT = "alert", "already", "escalation", "report" 
 FLEET = "fleet"  # a message about a cause that many arms share; else the kind of its deliveries
 ONE_CAUSE = "common_mode"  # friction of all joints: a cause outside of the arm from the first one on
 NEVER_WAITS = "limit"  # the tier that a fleet-wide cause does not hold back
-WEAR = gravity("wear")
+WEAR = tier_gravity("wear")
 HOUR_S = 3600.0
 
 
@@ -221,7 +222,7 @@ def offered(transition: Transition, ways: Iterable[Route], settings: NotifySetti
             together = transition.kind == ACTIVE  # they are one message: no tier comes before another, or with a later digest
             at = quiet_until(recipient, zone, now_unix_s) if together else ready_at(recipient, transition.tier, zone, now_unix_s)
             due[address] = min(at, due.get(address, at))
-        waits = transition.kind in {RAISED, GRAVER, ACTIVE, "unacknowledged"} and gravity(transition.after) >= WEAR
+        waits = transition.kind in {RAISED, GRAVER, ACTIVE, "unacknowledged"} and tier_gravity(transition.after) >= WEAR
         if recipient.escalation and waits:
             late[address] = now_unix_s + settings.escalate_days * DAY_S
     document, robot = document_of(transition), str(transition.arm)
@@ -234,26 +235,6 @@ def offered(transition: Transition, ways: Iterable[Route], settings: NotifySetti
         Delivery(key=f"{to}/escalation/{transition.id}", recipient=to, kind=ESCALATION, document=document, due_at_unix_s=at, robot=robot)
         for to, at in late.items()
     ]
-
-
-def document_of(transition: Transition) -> dict[str, Any]:
-    """What is kept of a transition until it is told."""
-    return {
-        "id": transition.id,
-        "alert_id": transition.alert_id,
-        "site": transition.arm.site,
-        "robot": transition.arm.robot,
-        "joint": transition.joint,
-        "condition": transition.condition,
-        "kind": transition.kind,
-        "before": transition.before,
-        "after": transition.after,
-        "tier": transition.tier,
-        "at_unix_s": transition.at_unix_s,
-        "raised_at_unix_s": transition.raised_at_unix_s,
-        "text": transition.text,
-        "event": dict(transition.document),
-    }
 
 
 def ready_at(recipient: RecipientSettings, tier: str, zone: ZoneInfo, now_unix_s: float) -> float:

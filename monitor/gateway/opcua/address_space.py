@@ -12,8 +12,8 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from monitor.gateway.figures import ArmFigures
 from monitor.gateway.opcua.nodes import HAS_COMPONENT, ORGANIZES, OWN, Node, Reading, Ref, arm_nodes, readings, site_nodes
+from monitor.plant.arm import ArmName, HeardArm
 
 if TYPE_CHECKING:
     from asyncua import Server
@@ -41,7 +41,7 @@ class AddressSpace:
         self._session = server.iserver.isession
         self._spaces: dict[str, int] = {}
         self._sites: dict[str, list[Node]] = {}
-        self._arms: dict[tuple[str, str], Present] = {}
+        self._arms: dict[ArmName, Present] = {}
         self._shared: dict[tuple[Any, str], Any] = {}
         self._ids: dict[Ref, Any] = {}
 
@@ -55,20 +55,20 @@ class AddressSpace:
         self._spaces = {uri.removeprefix(FOUNDATION): k for k, uri in enumerate(uris)}
 
     @property
-    def arms(self) -> set[tuple[str, str]]:
-        """Site and robot of those that are there."""
+    def arms(self) -> set[ArmName]:
+        """Those that are there."""
         return set(self._arms)
 
-    async def put(self, arm: ArmFigures, now_unix_s: float, bad_after_s: float) -> int:
+    async def put(self, arm: HeardArm, now_unix_s: float, bad_after_s: float) -> int:
         """Make an arm's nodes where they are not there, and write what has changed. Returns how many values were written."""
-        name, joints = (arm.site, arm.robot), tuple(joint.joint for joint in arm.joints)
+        name, joints = arm.name, tuple(joint.joint for joint in arm.joints)
         present = self._arms.get(name)
         if present is not None and present.joints != joints:
-            await self.take_out(*name)
+            await self.take_out(name)
             present = None
         if present is None:
-            if arm.site not in self._sites:
-                self._sites[arm.site] = await self._add(site_nodes(arm.site))
+            if name.site not in self._sites:
+                self._sites[name.site] = await self._add(site_nodes(name.site))
             nodes = await self._add(arm_nodes(arm))
             present = Present(nodes, {node.id: node for node in nodes if node.data is not None}, {}, joints)
             self._arms[name] = present
@@ -79,11 +79,11 @@ class AddressSpace:
         present.said.update(changed)
         return len(changed)
 
-    async def take_out(self, site: str, robot: str) -> None:
+    async def take_out(self, name: ArmName) -> None:
         """Remove an arm's nodes, and every reference to them; those of its site as well where it was the last one there."""
-        await self._remove(self._arms.pop((site, robot)).nodes)
-        if not any(each == site for each, _ in self._arms):
-            await self._remove(self._sites.pop(site))
+        await self._remove(self._arms.pop(name).nodes)
+        if not any(each.site == name.site for each in self._arms):
+            await self._remove(self._sites.pop(name.site))
 
     async def _remove(self, nodes: list[Node]) -> None:
         from asyncua import ua

@@ -5,10 +5,12 @@ members that nobody here knows exist, and say `BadNotSupported`.
 """
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import NamedTuple
 from urllib.parse import quote
 
-from monitor.gateway.figures import MANUFACTURER, ArmFigures, JointFigures, unacknowledged
+from monitor.plant.arm import MANUFACTURER, HeardArm, HeardJoint
+from monitor.publish.shown import Age, unacknowledged
 
 UA, DI, MACHINERY, ROBOTICS = "", "DI/", "Machinery/", "Robotics/"  # after http://opcfoundation.org/UA/
 OWN = "urn:joint-monitor:friction-health"
@@ -143,11 +145,11 @@ def site_nodes(site: str) -> Iterator[Node]:
         yield _variable(f"{safety}/ParameterSet", name, data, ROBOTICS, status=UNKNOWN)
 
 
-def arm_nodes(arm: ArmFigures) -> Iterator[Node]:
+def arm_nodes(arm: HeardArm) -> Iterator[Node]:
     """The arm as a motion device, each joint as an axis with its power train, and the arm's controller. Parents come first."""
-    system, device = system_id(arm.site), device_id(arm.site, arm.robot)
+    system, device = system_id(arm.name.site), device_id(*arm.name)
     yield Node(
-        *(device, f"{system}/MotionDevices", HAS_COMPONENT, OWN, arm.robot, DEVICE),
+        *(device, f"{system}/MotionDevices", HAS_COMPONENT, OWN, arm.name.robot, DEVICE),
         links=((HAS_INTERFACE, HEALTH_INTERFACE),),
         organized_by=MACHINES,
     )
@@ -212,10 +214,10 @@ def _power_train(device: str, joint: int) -> Iterator[Node]:
     yield from _analog(f"{motor}/ParameterSet", "MotorTemperature", CELSIUS, ROBOTICS)
 
 
-def _controller(arm: ArmFigures) -> Iterator[Node]:
-    system, controller = system_id(arm.site), controller_id(arm.site, arm.robot)
-    links = ((CONTROLS, device_id(arm.site, arm.robot)), (HAS_SAFETY_STATES, f"{system}/SafetyStates/SafetyState"))
-    yield Node(controller, f"{system}/Controllers", HAS_COMPONENT, OWN, arm.robot, CONTROLLER, links=links)
+def _controller(arm: HeardArm) -> Iterator[Node]:
+    system, controller = system_id(arm.name.site), controller_id(*arm.name)
+    links = ((CONTROLS, device_id(*arm.name)), (HAS_SAFETY_STATES, f"{system}/SafetyStates/SafetyState"))
+    yield Node(controller, f"{system}/Controllers", HAS_COMPONENT, OWN, arm.name.robot, CONTROLLER, links=links)
     yield _property(controller, "Manufacturer", TEXT, DI, value=MANUFACTURER)
     yield _property(controller, "Model", TEXT, DI, status=UNKNOWN)
     yield _property(controller, "ProductCode", STRING, DI, status=UNKNOWN)
@@ -290,21 +292,24 @@ class Reading(NamedTuple):
     at_unix_s: float | None  # of the source; None: not known
 
 
-def readings(arm: ArmFigures, now_unix_s: float, bad_after_s: float) -> dict[str, Reading]:
+def readings(arm: HeardArm, now_unix_s: float, bad_after_s: float) -> dict[str, Reading]:
     """By the id of the variable; those that never change are not in it."""
-    device, controller = device_id(arm.site, arm.robot), controller_id(arm.site, arm.robot)
-    silence = arm.silence(now_unix_s)
-    quality = GOOD if silence is None else LOST if silence[0] is None or now_unix_s - silence[0] > bad_after_s else SILENT
-    own = OLD if quality == GOOD and arm.stale else quality
-    at = arm.said_unix_s
+    device, controller = device_id(*arm.name), controller_id(*arm.name)
+    silence, health, monitor = arm.silence(now_unix_s), arm.health, arm.monitor
+    quality = GOOD
+    if silence is not None:
+        quality = LOST if silence.since_unix_s is None or now_unix_s - silence.since_unix_s > bad_after_s else SILENT
+    own = OLD if quality == GOOD and arm.shown.age is not Age.NOW else quality
+    at = None if health is None else health.said_at.timestamp()
+    last = None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at
     values = f"{device}/ParameterSet"
     found = {
-        f"{device}/DeviceHealth": _reading(None if arm.state is None else NE107[arm.state], own, at),
-        f"{values}/StateText": _reading(arm.why if silence is None else silence[1], GOOD if silence else own, at),
+        f"{device}/DeviceHealth": _reading(None if arm.shown.state is None else NE107[arm.shown.state], own, at),
+        f"{values}/StateText": _reading(arm.shown.said.text if silence is None else silence.why.text, GOOD if silence else own, at),
         f"{values}/ActiveAlerts": _reading(None if at is None else len(arm.alerts), quality, at),
         f"{values}/UnacknowledgedAlerts": _reading(None if at is None else len(unacknowledged(arm.alerts)), quality, at),
-        f"{values}/LastReplay": _reading(arm.last_replay_unix_s, quality, at),
-        f"{values}/NextReplay": _reading(arm.next_replay_unix_s, quality, at),
+        f"{values}/LastReplay": _reading(_unix_s(last), quality, at),
+        f"{values}/NextReplay": _reading(_unix_s(None if health is None else health.next_replay_due), quality, at),
     }
     # what the arm is does not age
     found |= {f"{device}{folder}/Model": _reading(arm.model, GOOD, None) for folder in ("", "/Identification")}
@@ -312,38 +317,44 @@ def readings(arm: ArmFigures, now_unix_s: float, bad_after_s: float) -> dict[str
     found[f"{device}/Identification/SoftwareRevision"] = _reading(arm.firmware, GOOD, None)
     found[f"{controller}/Software/PolyScope/SoftwareRevision"] = _reading(arm.firmware, GOOD, None)
     for joint in arm.joints:
-        found[f"{axis_id(arm.site, arm.robot, joint.joint)}/MotionProfile"] = _reading(motion_profile(arm.model, joint.joint), GOOD, None)
-        found |= _of_joint(joint, axis_id(arm.site, arm.robot, joint.joint), quality, at)
-        motor = f"{device}/P{joint.joint}/Motor/ParameterSet/MotorTemperature"
-        found[motor] = found[f"{axis_id(arm.site, arm.robot, joint.joint)}/ParameterSet/JointTemperature"]
+        axis = axis_id(*arm.name, joint.joint)
+        found[f"{axis}/MotionProfile"] = _reading(motion_profile(arm.model, joint.joint), GOOD, None)
+        found |= _of_joint(joint, axis, quality, at)
+        found[f"{device}/P{joint.joint}/Motor/ParameterSet/MotorTemperature"] = found[f"{axis}/ParameterSet/JointTemperature"]
     return found
 
 
-def _of_joint(joint: JointFigures, axis: str, quality: str, said_unix_s: float | None) -> dict[str, Reading]:
-    own = OLD if quality == GOOD and joint.stale else quality
-    at = joint.measured_unix_s
-    p10, p50, p90 = joint.life_days
-    figures = {
-        "Wear": None if joint.wear is None else 100.0 * joint.wear,
-        "WearStandardDeviation": None if joint.wear_std is None else 100.0 * joint.wear_std,
-        "RemainingLifeP10": p10,
-        "RemainingLifeP50": p50,
-        "RemainingLifeP90": p90,
-        "JointTemperature": joint.temperature_c,
-        "FrictionTorque": joint.friction_nm,
-    }
-    missing = NONE if joint.judged else LATER
+def _of_joint(joint: HeardJoint, axis: str, quality: str, said_unix_s: float | None) -> dict[str, Reading]:
+    own = OLD if quality == GOOD and joint.said is not None and joint.said.stale else quality
+    of, alerts = joint.friction, None if said_unix_s is None else joint.alerts
+    figures: dict[str, float | None] = dict.fromkeys(name for name, _, unit in CONDITION if unit is not None)
+    if of is not None:
+        life = of.remaining_life
+        figures = {
+            "Wear": 100.0 * of.wear,
+            "WearStandardDeviation": 100.0 * of.wear_std,
+            "RemainingLifeP10": life.p10_days,
+            "RemainingLifeP50": life.p50_days,
+            "RemainingLifeP90": life.p90_days,
+            "JointTemperature": of.temperature_c,
+            "FrictionTorque": of.reference_torque_nm,
+        }
+    at, missing = None if of is None else of.recorded_at.timestamp(), LATER if of is None else NONE
     found = {f"{axis}/ParameterSet/{name}": _reading(value, own, at, missing) for name, value in figures.items()}
-    alerts = None if said_unix_s is None else len(joint.alerts)
+    learnt = None if joint.said is None else joint.said.learnt_at
     return found | {
-        f"{axis}/DeviceHealth": _reading(None if joint.state is None else NE107[joint.state], own, said_unix_s),
-        f"{axis}/ParameterSet/StateText": _reading(joint.why, own, said_unix_s),
-        f"{axis}/ParameterSet/LastLearnt": _reading(joint.learnt_unix_s, quality, said_unix_s),
-        f"{axis}/ParameterSet/ActiveAlerts": _reading(alerts, quality, said_unix_s),
+        f"{axis}/DeviceHealth": _reading(None if joint.shown.state is None else NE107[joint.shown.state], own, said_unix_s),
+        f"{axis}/ParameterSet/StateText": _reading(joint.shown.said.text, own, said_unix_s),
+        f"{axis}/ParameterSet/LastLearnt": _reading(_unix_s(learnt), quality, said_unix_s),
+        f"{axis}/ParameterSet/ActiveAlerts": _reading(None if alerts is None else len(alerts), quality, said_unix_s),
         f"{axis}/ParameterSet/UnacknowledgedAlerts": _reading(
-            None if alerts is None else len(unacknowledged(joint.alerts)), quality, said_unix_s
+            None if alerts is None else len(unacknowledged(alerts)), quality, said_unix_s
         ),
     }
+
+
+def _unix_s(at: datetime | None) -> float | None:
+    return None if at is None else at.timestamp()
 
 
 def _reading(value: object, quality: str, at_unix_s: float | None, missing: str = LATER) -> Reading:

@@ -30,11 +30,10 @@ from monitor import __version__
 from monitor.errors import BadInput
 from monitor.gateway.channel import Surroundings
 from monitor.gateway.connection import NotReached
-from monitor.gateway.figures import ArmFigures, figures
 from monitor.gateway.opcua.address_space import AddressSpace
 from monitor.gateway.opcua.settings import Identity, OpcuaSettings, ensure, expect_free, identity, users_of
-from monitor.gateway.values import ArmState, Delivery, Transition
-from monitor.plant.links import ArmName
+from monitor.gateway.values import Delivery, Transition
+from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.screen.people import User as Person
 from monitor.plant.screen.people import user_of
 
@@ -193,12 +192,12 @@ class ConditionServer:
             self._server = None
         self._end()
 
-    def put(self, arms: Sequence[ArmFigures], now_unix_s: float) -> tuple[int, bool]:
+    def put(self, arms: Sequence[HeardArm], now_unix_s: float) -> tuple[int, bool]:
         """Serve these arms, and no others. Returns how many values were written, and whether that is all: new arms take their time.
 
         What is left over is done by the next call.
         """
-        self._call(self._take_out({(arm.site, arm.robot) for arm in arms}), PUT_S)
+        self._call(self._take_out({arm.name for arm in arms}), PUT_S)
         written, until = 0, time.monotonic() + AT_MOST_S
         for begin in range(0, len(arms), BATCH):
             if time.monotonic() > until:
@@ -211,13 +210,13 @@ class ConditionServer:
         """Connections."""
         return 0 if self._server is None or self._server.bserver is None else len(self._server.bserver.clients)
 
-    async def _take_out(self, wanted: set[tuple[str, str]]) -> None:
+    async def _take_out(self, wanted: set[ArmName]) -> None:
         assert self._space is not None
-        for site, robot in self._space.arms - wanted:
-            await self._space.take_out(site, robot)
-            log.info("opcua: %s/%s is no arm of the plant any more", site, robot)
+        for name in self._space.arms - wanted:
+            await self._space.take_out(name)
+            log.info("opcua: %s is no arm of the plant any more", name)
 
-    async def _put(self, arms: Sequence[ArmFigures], now_unix_s: float) -> int:
+    async def _put(self, arms: Sequence[HeardArm], now_unix_s: float) -> int:
         assert self._space is not None
         written = 0
         for arm in arms:
@@ -291,8 +290,7 @@ class OpcuaChannel:
         self._folder = surroundings.plant.folder
         self._who = identity(settings, self._folder, surroundings.plant.directory)
         self._server: ConditionServer | None = None
-        self._known: dict[ArmName, tuple[ArmState, ArmFigures]] = {}
-        self._left_out = 0
+        self._served = self._left_out = 0
 
     def offer(self, transition: Transition) -> Sequence[Delivery]:  # noqa: ARG002 - of Channel
         """Nothing is owed."""
@@ -303,7 +301,7 @@ class OpcuaChannel:
         if self._server is None:
             return "not listening"
         more = f"; {self._left_out} arms are left out: see opcua.most_arms and opcua.sites" if self._left_out else ""
-        return f"{len(self._known)} arms at {self._settings.url(self._who.host)}, {self._server.clients} clients{more}"
+        return f"{self._served} arms at {self._settings.url(self._who.host)}, {self._server.clients} clients{more}"
 
     def step(self, now_unix_s: float) -> float:
         """Serve what has changed; the first step starts the server. Raises BadInput, NotReached."""
@@ -318,13 +316,9 @@ class OpcuaChannel:
             self._left_out = max(left_out, 0)
             if self._left_out:
                 log.warning("opcua: %d of %d arms are left out: see most_arms and sites", self._left_out, len(wanted))
-        known = {}
-        for name in served:
-            before = self._known.get(name)
-            known[name] = before if before is not None and before[0] is states[name] else (states[name], figures(states[name]))
-        self._known = known
+        self._served = len(served)
         try:
-            _, complete = self._server.put([each for _, each in known.values()], now_unix_s)
+            _, complete = self._server.put([states[name] for name in served], now_unix_s)
         except NotReached:
             self.close()  # the next step starts another one
             raise

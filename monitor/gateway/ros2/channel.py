@@ -16,9 +16,9 @@ from annotated_types import Interval
 from monitor.errors import BadInput
 from monitor.gateway.channel import Surroundings
 from monitor.gateway.connection import Finding, NotReached, Steps, attempted, dial, needs
-from monitor.gateway.figures import figures
 from monitor.gateway.ros2.messages import MESSAGE, NO_HASH, NS, Publication, encoded, statuses, type_hash
-from monitor.gateway.values import ArmState, Delivery, Transition
+from monitor.gateway.values import Delivery, Transition
+from monitor.plant.arm import HeardArm
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, session_config
 
@@ -148,9 +148,9 @@ class Ros2Channel:
         log.info("ros2: node %s publishes %s", self._settings.node, publication.key)
         return session, publication
 
-    def _publish(self, session: zenoh.Session, publication: Publication, state: ArmState, now_unix_s: float) -> None:
+    def _publish(self, session: zenoh.Session, publication: Publication, state: HeardArm, now_unix_s: float) -> None:
         self._sequence = self._sequence % MOST_SEQUENCE + 1
-        payload = encoded(statuses(figures(state), now_unix_s), now_unix_s)
+        payload = encoded(statuses(state, now_unix_s), now_unix_s)
         session.put(publication.key, payload, attachment=publication.attachment(self._sequence, round(now_unix_s * NS)))
 
 

@@ -1,14 +1,16 @@
 """An arm as diagnostic_msgs/msg/DiagnosticArray, in CDR by the library rosbags. No I/O, no clock."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cache
 from typing import Any, NamedTuple
 
 from zenoh.ext import Int64, z_serialize
 
-from monitor.gateway.figures import ArmFigures, JointFigures, unacknowledged
+from monitor.plant.arm import HeardArm, HeardJoint, Silence
+from monitor.publish.shown import Age, Shown, unacknowledged
 from monitor.publish.timestamps import rfc3339
 from monitor.reason import joint_text
 
@@ -29,53 +31,59 @@ class Status(NamedTuple):
     values: Sequence[tuple[str, str]]
 
 
-def statuses(arm: ArmFigures, now_unix_s: float) -> list[Status]:
+def statuses(arm: HeardArm, now_unix_s: float) -> list[Status]:
     """The arm, then each of its joints. What is not heard, or too old, is STALE, whatever it was then."""
-    hardware = arm.serial or arm.name
+    hardware, health, monitor = arm.serial or str(arm.name), arm.health, arm.monitor
     silence = arm.silence(now_unix_s)
-    message = _state(arm.state, arm.why)
+    message = _state(arm.shown)
     if silence is not None:
-        message = f"not heard: {silence[1]}; then: {message}"
-    elif arm.stale:
+        message = f"not heard: {silence.why.text}; then: {message}"
+    elif arm.shown.age is not Age.NOW:
         message = f"nothing was learnt of it for too long; then: {message}"
+    last = None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at
     values = [
-        *_values(state=arm.state, model=arm.model, firmware=arm.firmware, monitor_version=arm.version, troubles=", ".join(arm.troubles)),
+        *_values(
+            state=arm.shown.state, model=arm.model, firmware=arm.firmware, monitor_version=arm.version, troubles=", ".join(arm.troubles)
+        ),
         ("active_alerts", str(len(arm.alerts))),
         ("unacknowledged_alerts", str(len(unacknowledged(arm.alerts)))),
-        *_times(since=arm.since_unix_s, said_at=arm.said_unix_s, last_replay=arm.last_replay_unix_s, next_replay=arm.next_replay_unix_s),
+        *_times(last_replay=last),
     ]
-    level = STALE if silence is not None or arm.stale else _level(arm.state)
-    found = [Status(level, f"{NAME}: {arm.name}", message, hardware, values)]
-    return found + [_joint(each, arm, hardware, silent=silence is not None) for each in arm.joints]
+    if health is not None:
+        values += _times(since=health.since, said_at=health.said_at, next_replay=health.next_replay_due)
+    found = [Status(_level(arm.shown, silence), f"{NAME}: {arm.name}", message, hardware, values)]
+    return found + [_joint(each, arm, hardware, silence) for each in arm.joints]
 
 
-def _joint(joint: JointFigures, arm: ArmFigures, hardware: str, *, silent: bool) -> Status:
-    p10, p50, p90 = joint.life_days
-    figures = _values(
-        state=joint.state,
-        wear=_figure(joint.wear),
-        wear_std=_figure(joint.wear_std),
-        wear_rate_per_day=_figure(joint.wear_rate_per_day),
-        remaining_life_p10_days=_figure(p10),
-        remaining_life_p50_days=_figure(p50),
-        remaining_life_p90_days=_figure(p90),
-        friction_nm=_figure(joint.friction_nm),
-        temperature_c=_figure(joint.temperature_c),
-    )
-    alerts = [(f"alert {each['condition']}", f"{each['tier']}: {each['text'] or ''}") for each in joint.alerts]
-    times = _times(since=joint.since_unix_s, learnt_at=joint.learnt_unix_s, measured_at=joint.measured_unix_s)
-    level = STALE if silent or joint.stale else _level(joint.state)
+def _joint(joint: HeardJoint, arm: HeardArm, hardware: str, silence: Silence | None) -> Status:
+    values: list[tuple[str, str]] = _values(state=joint.shown.state)
+    if (of := joint.friction) is not None:
+        life = of.remaining_life
+        values += _values(
+            wear=_figure(of.wear),
+            wear_std=_figure(of.wear_std),
+            wear_rate_per_day=_figure(of.wear_rate_per_day),
+            remaining_life_p10_days=_figure(life.p10_days),
+            remaining_life_p50_days=_figure(life.p50_days),
+            remaining_life_p90_days=_figure(life.p90_days),
+            friction_nm=_figure(of.reference_torque_nm),
+            temperature_c=_figure(of.temperature_c),
+        )
+        values += _times(measured_at=of.recorded_at)
+    values += [(f"alert {each.condition}", f"{each.tier}: {each.text}") for each in joint.alerts]
+    if joint.said is not None:
+        values += _times(since=joint.said.since, learnt_at=joint.said.learnt_at)
     name = f"{NAME}: {arm.name} {joint_text(joint.joint)}"
-    return Status(level, name, _state(joint.state, joint.why), hardware, [*figures, *alerts, *times])
+    return Status(_level(joint.shown, silence), name, _state(joint.shown), hardware, values)
 
 
-def _level(state: str | None) -> int:
+def _level(shown: Shown, silence: Silence | None) -> int:
     """Nothing is known before the first verdict: that is no OK."""
-    return LEVELS.get(state or "", STALE)
+    return STALE if silence is not None or shown.age is not Age.NOW else LEVELS.get(shown.state or "", STALE)
 
 
-def _state(state: str | None, why: str | None) -> str:
-    return "no replay has been assessed yet" if state is None else f"{state}: {why}" if why else state
+def _state(shown: Shown) -> str:
+    return shown.why.text if shown.state is None else f"{shown.state}: {shown.said.text}"
 
 
 def _figure(value: float | None) -> str | None:
@@ -86,8 +94,8 @@ def _values(**values: str | None) -> list[tuple[str, str]]:
     return [(key, value) for key, value in values.items() if value]
 
 
-def _times(**times: float | None) -> Iterator[tuple[str, str]]:
-    return ((key, rfc3339(at)) for key, at in times.items() if at is not None)
+def _times(**times: datetime | None) -> list[tuple[str, str]]:
+    return [(key, rfc3339(at.timestamp())) for key, at in times.items() if at is not None]
 
 
 @cache

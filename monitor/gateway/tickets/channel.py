@@ -29,14 +29,12 @@ from monitor.gateway.connection import (
     needs,
     retry_after_s,
 )
-from monitor.gateway.notify.messages import headline
-from monitor.gateway.notify.routing import document_of
 from monitor.gateway.outbox import DELIVERED, OWED, Owed
 from monitor.gateway.tickets.settings import TicketSettings, filled, filled_address, pointed
-from monitor.gateway.values import CLEARED, GRAVER, Delivery, Transition, page_of
-from monitor.plant.links import ArmName
+from monitor.gateway.values import CLEARED, GRAVER, Delivery, Transition, document_of, page_of, transition_of
 from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S
+from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import language
 
 OPEN, UPDATE, CLOSE = "open", "update", "close"
@@ -166,27 +164,25 @@ class Tickets:
 
     def _values(self, owed: Owed) -> dict[str, Any]:
         """What the places of a template become."""
-        said, event = owed.document, owed.document["event"]
-        arm = self._surroundings.arms().get(ArmName(said["site"], said["robot"]))
-        change = event.get("change")
+        told = transition_of(owed.document)
+        arm = self._surroundings.arms().get(told.arm)
         return {
-            "key": said["key"],
-            "site": said["site"],
-            "robot": said["robot"],
+            "key": owed.document["key"],
+            **told.arm._asdict(),
             "model": arm.model if arm is not None else None,
-            "serial": arm.info.get("serial") if arm is not None else None,
-            "joint": said["joint"],
-            "joint_name": self._say.name(said["joint"]),
-            "condition": said["condition"],
-            "tier": said["tier"],
-            "priority": self._settings.priority.get(str(said["tier"])),
-            "headline": headline(said, self._say),
-            "text": self._say.at({"text": said["text"], **event}, "text"),
-            "action": self._say.at(event, "action"),
-            "change_percent": round(100.0 * change, 1) if isinstance(change, int | float) else None,
-            "raised_at": rfc3339(float(said["raised_at_unix_s"])),
-            "at": rfc3339(float(said["at_unix_s"])),
-            "link": page_of(self._surroundings.link, said["site"], said["robot"], said["condition"]),
+            "serial": arm.serial if arm is not None else None,
+            "joint": told.joint,
+            "joint_name": self._say.name(told.joint),
+            "condition": told.condition,
+            "tier": told.tier,
+            "priority": self._settings.priority.get(told.tier),
+            "headline": sentences(told.alert, JointPast(), told.at_unix_s, self._say).headline,
+            "text": self._say.at(told.alert, "text"),
+            "action": self._say.at(told.alert, "action"),
+            "change_percent": round(100.0 * told.alert.change, 1),
+            "raised_at": rfc3339(told.raised_at_unix_s),
+            "at": rfc3339(told.at_unix_s),
+            "link": page_of(self._surroundings.link, told),
         }
 
 

@@ -23,7 +23,7 @@ from monitor.gateway.outbox import DELIVERED
 from monitor.gateway.tickets.channel import OPEN, Rest, Tickets
 from monitor.gateway.tickets.settings import TicketSettings
 from monitor.gateway.values import Delivery, Transition
-from monitor.plant.links import ArmName
+from monitor.plant.arm import ArmName
 from monitor.plant.pull import read_document
 from monitor.plant.screen.people import role_named
 from monitor.plant.settings import PlantConfiguration

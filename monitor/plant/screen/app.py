@@ -19,9 +19,9 @@ from starlette.routing import Mount, Route
 from starlette.types import Receive, Scope, Send
 
 from monitor.errors import BadInput, StoreError
+from monitor.plant.arm import ArmName
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_audit
-from monitor.plant.links import ArmName
 from monitor.plant.screen.access import PlantAccess
 from monitor.plant.screen.arm_page import ArmContent, Ways
 from monitor.plant.screen.fleet import Fleet
@@ -89,9 +89,11 @@ class Screen:
             "languages": LANGUAGES,
         }
         try:
-            arms = await asyncio.to_thread(self._fleet.document)
+            arms = await asyncio.to_thread(self._fleet.document, self._pages.language(request).code)
         except StoreError as error:
-            arms = json.dumps({"not_running": str(error), "ways": {}, "said_at": rfc3339(time.time()), "arms": []}).encode()
+            arms = json.dumps(
+                {"not_running": self._pages.language(request).say(error.reason), "ways": {}, "said_at": rfc3339(time.time()), "arms": []}
+            ).encode()
         # the list stands in the page: the first view needs no second question
         page = self._pages.in_words(self._index, request).replace("%CSRF%", self._access.page_token)
         page = page.replace("%ABOUT%", _as_data(json.dumps(about, ensure_ascii=False))).replace("%ARMS%", _as_data(arms.decode()))
@@ -115,7 +117,7 @@ class Screen:
             return refusal
         packs = "gzip" in request.headers.get("accept-encoding", "")
         try:
-            body = await asyncio.to_thread(self._fleet.packed if packs else self._fleet.document)
+            body = await asyncio.to_thread(self._fleet.document, self._pages.language(request).code, packed=packs)
             headers = {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"} if packs else {"Vary": "Accept-Encoding"}
             return with_headers(Response(body, media_type="application/json", headers=headers))
         except StoreError as error:

@@ -13,13 +13,17 @@ import sqlalchemy as sa
 from monitor.errors import BadInput, BusError
 from monitor.judge.settings import HealthSettings, PrognosisSettings
 from monitor.model.robot import Mounting, load_robot
+from monitor.plant.arm import ArmName, copied_friction
 from monitor.plant.database import Database
-from monitor.plant.links import ArmName, Link, command_arm
+from monitor.plant.links import Link, command_arm
 from monitor.plant.screen.access import Audit
 from monitor.plant.status import refuse_doubled
-from monitor.plant.tables import FIGURES, LIFE_FIGURES, arm, friction, last_value, transition
-from monitor.publish.documents import Alert
+from monitor.plant.tables import FIGURES, arm, friction, last_value, transition
+from monitor.publish.documents import Content, Info, LastReplay, Monitor
+from monitor.publish.documents import encoded as as_bytes
+from monitor.publish.registry import Delivery, published_at
 from monitor.publish.timestamps import rfc3339
+from monitor.reason import with_reasons
 from monitor.views.history import mark_text
 from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, SERIES, BusAccess, about_arm, columns, thinned
 
@@ -90,8 +94,7 @@ class LiveValues:
         return None
 
     def _heard(self, key: str, payload: bytes) -> None:
-        # a key of a query's answer or of a liveliness token is no document
-        if not key.startswith(("alive/", "cmd/", "permit/", "event")) and _readable(key, payload):
+        if _readable(key, payload):
             with self._lock:
                 self._values[key] = payload
 
@@ -158,16 +161,16 @@ class ArmContent:
     def schedule(self) -> dict[str, Any]:
         """The next replay, the last windows as far as they are copied, and the last transitions of alerts, newest first."""
         at = self._row()
-        monitor = self._last("monitor")
-        due = monitor.get("next_replay_due")
-        coming = [{"opens": due, "closes": due, "why": monitor.get("next_replay_why") or ""}] if due else []
+        monitor = self._said(Monitor, "monitor")
+        due = None if monitor is None or monitor.next_replay_due is None else rfc3339(monitor.next_replay_due.timestamp())
+        coming = [{"opens": due, "closes": due, "why": monitor.next_replay_why or ""}] if monitor is not None and due else []
         with self._database.read() as connection:
             newest = sa.select(transition).where(transition.c.arm == at.number, transition.c.history == at.history)
             rows = connection.execute(newest.order_by(transition.c.seq.desc()).limit(EVENTS)).all()
             of_first = (friction.c.arm == at.number, friction.c.history == at.history, friction.c.joint == 1)
             judged = sa.select(friction.c.replay, friction.c.recorded_at).where(*of_first)
             assessed = connection.execute(judged.order_by(friction.c.recorded_at.desc()).limit(PAST_WINDOWS)).all()
-        windows = _windows([Assessed(*row) for row in assessed], _mapping(monitor, "last_replay"))
+        windows = _windows([Assessed(*row) for row in assessed], None if monitor is None else monitor.last_replay)
         events = [
             {
                 "seq": row.seq,
@@ -184,24 +187,23 @@ class ArmContent:
 
     def monitor(self) -> dict[str, Any]:
         """The state of the arm's own monitor, as it said it last."""
-        said = self._last("monitor")
-        store, process, bus = (_mapping(said, key) for key in ("store", "process", "bus"))
+        said = self._said(Monitor, "monitor")
         return {
-            "version": said.get("version") or "?",
-            "now": said.get("said_at"),
-            "up_s": said.get("uptime_s") or 0.0,
-            "resident_mb": _scaled(process.get("resident_bytes"), 1e6),
-            "disk_free_gb": _scaled(store.get("free_bytes"), 1e9),
+            "version": "?" if said is None else said.version,
+            "now": None if said is None else rfc3339(said.said_at.timestamp()),
+            "up_s": 0.0 if said is None else said.uptime_s,
+            "resident_mb": None if said is None else _scaled(said.process.resident_bytes, 1e6),
+            "disk_free_gb": None if said is None else _scaled(said.store.free_bytes, 1e9),
             "disk_free_share": None,
-            "history_mb": _scaled(store.get("history_bytes"), 1e6),
-            "documents_dropped": bus.get("dropped", 0),
+            "history_mb": None if said is None else _scaled(said.store.history_bytes, 1e6),
+            "documents_dropped": 0 if said is None else said.bus.dropped,
             "last_windows": {},
             "stops": [],
         }
 
     def _about(self) -> dict[str, Any]:
-        info = self._last("info")
-        robot = {**ASSUMED_ROBOT, **_mapping(info, "robot"), "site": self._name.site, "id": self._name.robot}
+        info = self._said(Info, "info")
+        robot = {**ASSUMED_ROBOT, **({} if info is None else info.robot), "site": self._name.site, "id": self._name.robot}
         try:
             described = load_robot(str(robot.get("model")))
         except BadInput:  # the arm has not said its model yet, or it is one of a later version
@@ -242,13 +244,13 @@ class ArmContent:
             newest = connection.execute(sa.select(friction).where(*own).order_by(friction.c.recorded_at.desc()).limit(MOST_JOINTS)).all()
         encoded = {key: orjson.dumps(document) for key, document in rows}
         for row in reversed(newest):  # of an arm that is not heard, the copied history knows what it said last
-            encoded[f"joint/{row.joint}/friction"] = orjson.dumps(_friction(dict(row._mapping)))
+            encoded[f"joint/{row.joint}/friction"] = as_bytes(copied_friction(row))
         return {key: payload for key, payload in encoded.items() if _readable(key, payload)}
 
-    def _last(self, key: str) -> dict[str, Any]:
+    def _said(self, model: type[Content], key: str) -> Content | None:
+        """What the arm said last on a key."""
         payload = self.bus.last_payloads().get(key)
-        document = orjson.loads(payload) if payload else {}
-        return document if isinstance(document, dict) else {}
+        return None if payload is None else model.model_validate_json(payload)
 
     def _time(self, which: Callable[..., Any]) -> float | None:
         at = self._row()
@@ -259,25 +261,28 @@ class ArmContent:
 
 
 def _readable(key: str, payload: bytes) -> bool:
-    """Whether the page can say it: an arm of another make may say anything."""
+    """Whether it is a last value of this key: an arm of another make may say anything."""
+    kind = published_at(key)
+    if kind is None or kind.delivery is Delivery.TRANSITION:
+        return False
     try:
-        if key.startswith("alert/"):
-            Alert.model_validate_json(payload)
-        return isinstance(orjson.loads(payload), dict)
+        kind.model.model_validate_json(payload)
     except ValueError:
         return False
+    return True
 
 
-def _windows(assessed: Sequence[Assessed], last: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _windows(assessed: Sequence[Assessed], last: LastReplay | None) -> list[dict[str, Any]]:
     """Windows as the page lists them: the newest one, where it ended otherwise, above the replays that were judged.
 
-    assessed : newest first. last : of the arm's document `monitor`.
+    assessed : newest first.
     """
     nothing: dict[str, Any] = {"kind": "scheduled", "tries": [], "borrowed": None}
     found: list[dict[str, Any]] = []
-    if isinstance(last.get("window"), str) and last.get("state") not in (None, "assessed"):
-        window = {"replay": last.get("replay"), "window": last["window"], "from": last["window"], "count": 1}
-        found.append({**window, "state": str(last["state"]), "reason": last.get("reason"), **nothing})
+    if last is not None and last.state != "assessed":
+        at = rfc3339(last.window.timestamp())
+        window = {"replay": last.replay, "window": at, "from": at, "count": 1, "state": last.state}
+        found.append({**with_reasons(window, reason=last.says("reason")), **nothing})
     if assessed:
         newest, oldest = assessed[0], assessed[-1]
         window = {"replay": newest.replay, "window": rfc3339(newest.at_unix_s), "from": rfc3339(oldest.at_unix_s), "count": len(assessed)}
@@ -285,18 +290,5 @@ def _windows(assessed: Sequence[Assessed], last: Mapping[str, Any]) -> list[dict
     return found
 
 
-def _friction(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The document `friction` of a joint, from its copied row."""
-    life = {name: row[name] for name in LIFE_FIGURES}
-    life["trend_probability"] = life["trend_probability"] or 0.0
-    verdict = "no_trend" if life["p50_days"] is None else "trend" if life["p50_days"] > 0.0 else "reached"
-    return {"joint": row["joint"], **{name: row[name] for name in FIGURES}, "remaining_life": {**life, "verdict": verdict}}
-
-
-def _mapping(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = document.get(key)
-    return value if isinstance(value, Mapping) else {}
-
-
-def _scaled(value: Any, unit: float) -> float | None:
-    return round(value / unit, 2) if isinstance(value, int | float) else None
+def _scaled(value: float | None, unit: float) -> float | None:
+    return None if value is None else round(value / unit, 2)

@@ -15,11 +15,11 @@ from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document
 from monitor.judge.torque.model import model_from_document
-from monitor.publish.documents import as_json, worded_json
-from monitor.publish.health_document import with_stale
+from monitor.publish.documents import Alert, as_json, made, worded_json
+from monitor.publish.health_document import health_document
+from monitor.publish.shown import NOTHING_ASSESSED
 from monitor.publish.timestamps import outside, rfc3339
 from monitor.publish.torque import torque_answer
-from monitor.reason import Sentence
 from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import early_alerts
 from monitor.service.history.inspection import inspection_document
@@ -33,7 +33,6 @@ from monitor.store.history.ledger import Borrow, LedgerRow, Try
 from monitor.store.store import Store
 
 MAINTENANCE_SHOWN = 6  # newest works on joints that `status` shows: all joints of one `maintenance`
-NOTHING_ASSESSED = Sentence("nothing_assessed", "no replay has been assessed yet")()
 LEDGER_ROWS = 10  # newest windows that `status` shows
 WINDOWS_SHOWN = 5  # newest past windows that `schedule` shows
 
@@ -61,8 +60,10 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "said_at": rfc3339(now_unix_s),
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
-        "health": outside(with_stale(state.health, now_unix_s, configuration.assess.health)) if state else None,
-        "early_alerts": [outside(alert_document(alert)) for alert in early],
+        "health": None
+        if state is None
+        else as_json(health_document(health_from_document(state.health), now_unix_s, configuration.assess.health)),
+        "early_alerts": [as_json(made(Alert, alert_document(alert))) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
         "maintenance": maintenance,
         **({} if from_production is None else {"from_production": as_json(from_production)}),
@@ -112,6 +113,12 @@ def schedule_document(configuration: Configuration, now_unix_s: float, count: in
         "due": None if due is None else due.document().model_dump(mode="json", include={"since", "until", "kind", "why", "tries"}),
         "last": [_window(row, tries[row.id], borrows.get(row.id)) for row in last],
     }
+
+
+def _health(state: StoredState | None, now_unix_s: float, configuration: Configuration) -> dict[str, Any] | None:
+    if state is None:
+        return None
+    return as_json(health_document(health_from_document(state.health), now_unix_s, configuration.assess.health))
 
 
 def _need(store: Store | None, settings: ScheduleSettings) -> Need:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Protocol
 
 from monitor.reason import JOINT_NAMES, OF_NO_LANGUAGE, Reason, Words, reason_at, reason_from
 from monitor.recording import DAY_S
@@ -46,6 +46,13 @@ NAMES = (  # how windows, alerts, causes and parts of the monitor are named in d
     N_("speed at the start"), N_("acceleration at the start"), N_("elbow"), N_("flange"), N_("TCP"), N_("joint_serials"),
     N_("emergency_stop"), N_("safeguard_stop"), N_("safety"),
 )  # fmt: skip
+
+
+class Says(Protocol):
+    """A typed document with sentences."""
+
+    def says(self, name: str) -> Reason | None:
+        """The sentence under a key."""
 
 
 class Language(Words):
@@ -104,9 +111,9 @@ class Language(Words):
         """A fraction in per cent, with a space that no line is broken at."""
         return f"{self.figure(100 * fraction, digits, signed=signed)}\u00a0%"
 
-    def at(self, document: Mapping[str, Any], key: str) -> str:
+    def at(self, document: Mapping[str, Any] | Says, key: str) -> str:
         """The sentence under a key of a document; empty where there is none."""
-        reason = reason_at(document, key)
+        reason = reason_at(document, key) if isinstance(document, Mapping) else document.says(key)
         return "" if reason is None else self.say(reason)
 
     def of(self, document: Mapping[str, Any]) -> str:

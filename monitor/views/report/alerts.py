@@ -1,10 +1,12 @@
 """The alerts of a report, the gravest first: the sentence that decides, then its evidence, then what people did about it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.alerts.health import TIERS
+from monitor.publish.documents import Alert, Friction, read
+from monitor.publish.shown import TIER_WORDS, Pill, alert_pill, gravest_first
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.history import mark_text
@@ -12,85 +14,70 @@ from monitor.views.language.catalogue import Language, moment
 from monitor.views.report.charts import STATE_COLOURS
 from monitor.views.report.html import Markup, escaped, heading, paragraph, table
 
-N_ = str  # marks a text for the catalogue
-STATE_WORDS = {
-    "NORMAL": N_("Normal"),
-    "CHECK_FUNCTION": N_("Check function"),
-    "OFF_SPEC": N_("Out of specification"),
-    "MAINTENANCE_REQUIRED": N_("Maintenance required"),
-    "FAILURE": N_("Failure"),
-}
-TIER_WORDS = {"advisory": N_("notice"), "wear": N_("wear"), "limit": N_("limit")}
 SHOWN = 24  # transitions in the table; updates of an alert are counted only
 
 
-def chip(state: str, say: Language) -> Markup:
+def chip(pill: Pill, say: Language) -> Markup:
     """A state as a word in its colour."""
-    words = say.say(STATE_WORDS[state]) if state in STATE_WORDS else state
-    return Markup(f'<span class="chip" style="color:{STATE_COLOURS.get(state, "#555")}">{escaped(words)}</span>')
+    return Markup(f'<span class="chip" style="color:{STATE_COLOURS.get(pill.value or "", "#555")}">{escaped(say.say(pill.word))}</span>')
 
 
-def by_gravity(alerts: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The gravest tier first, of equal ones the active first, then the oldest."""
-    return sorted(alerts, key=lambda alert: (-TIERS.index(alert["tier"]), not alert["active"], alert["raised_at"]))
-
-
-def lead(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -> list[str]:
+def lead(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:
     """The sentences that an alert leads with, as of the end of the period."""
-    rows = [row for row in report["joints"] if row["joint"] == alert["joint"]]
+    rows = [row for row in report["joints"] if row["joint"] == alert.joint]
     replays = [row["recorded_at"] for row in report["history"]] or [report["from"]]
     began = report.get("began_at") or replays[0]
-    past = JointPast(rows[0] if rows else None, unix_s(began), unix_s(replays[-1]))
-    told = sentences(alert, past, unix_s(report["to"]) if report["to"] < report["made_at"] else unix_s(report["made_at"]), say)
+    past = JointPast(read(Friction, rows[0]) if rows else None, unix_s(began), unix_s(replays[-1]))
+    told = sentences(alert, past, min(unix_s(report["to"]), unix_s(report["made_at"])), say)
     return [sentence for sentence in told if sentence]
 
 
 def alert_boxes(report: Mapping[str, Any], say: Language) -> list[str]:
     """A box for each alert of the period."""
-    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in by_gravity(report["alerts"])]
+    found = gravest_first(read(Alert, each) for each in report["alerts"])
+    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in found]
 
 
-def _lines(alert: Mapping[str, Any], report: Mapping[str, Any], say: Language) -> list[str]:
+def _lines(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:
     headline, *others = lead(alert, report, say)
-    state = say.say("active") if alert["active"] else say.say("cleared {when}", when=moment(unix_s(alert["cleared_at"]), say))
-    kind = f"{say.name(alert['joint'])}: {_name(alert['condition'], say)}{_tier(alert, say)}, {state}"
-    raised = say.say("raised {when}", when=moment(unix_s(alert["raised_at"]), say))
-    lines = [paragraph(f"{kind}; {raised}", "dim small"), paragraph(Markup(f'<b class="lead">{escaped(headline)}</b>'))]
-    if alert["active"]:
+    state = say.say("active") if alert.cleared_at is None else say.say("cleared {when}", when=_moment(alert.cleared_at, say))
+    kind = f"{say.name(alert.joint)}: {_name(alert.condition, say)}{_tier(alert.tier, say)}, {state}"
+    raised = say.say("raised {when}", when=_moment(alert.raised_at, say))
+    lead_text = Markup(f'{chip(alert_pill(alert), say)} <b class="lead">{escaped(headline)}</b>')
+    lines = [paragraph(f"{kind}; {raised}", "dim small"), paragraph(lead_text)]
+    if alert.active:
         lines.append(paragraph(" ".join(others)))
         action = say.at(alert, "action")
         if action not in others:
             lines.append(paragraph(action))
-    gravest = alert.get("gravest")
-    if gravest is not None and gravest["text"] != alert["text"]:
-        when = moment(unix_s(gravest["at"]), say)
+    gravest = alert.gravest
+    if gravest is not None and gravest.text != alert.text:
+        when = _moment(gravest.at, say)
         lines.append(paragraph(say.say("At its gravest, {when}: {text}", when=when, text=say.at(gravest, "text")), "small"))
     lines += [paragraph(say.at(alert, "text"), "small"), _probability(alert, say)]
-    if alert.get("cleared_why"):
+    if alert.cleared_why:
         lines.append(paragraph(say.say("Cleared: {why}.", why=say.at(alert, "cleared_why"))))
-    if alert["acknowledged_at"]:
-        when = moment(unix_s(alert["acknowledged_at"]), say)
-        lines.append(
-            paragraph(
-                _because(say.say("Acknowledged by {who}, {when}", who=alert["acknowledged_by"], when=when), alert["acknowledged_why"])
-            )
-        )
-    elif alert["active"]:
+    if alert.acknowledged_at is not None:
+        seen = say.say("Acknowledged by {who}, {when}", who=alert.acknowledged_by, when=_moment(alert.acknowledged_at, say))
+        lines.append(paragraph(_because(seen, alert.acknowledged_why)))
+    elif alert.active:
         lines.append(paragraph(say.say("Not acknowledged."), "warn"))
-    if alert["shelved_until"]:
-        when = moment(unix_s(alert["shelved_until"]), say)
-        lines.append(
-            paragraph(_because(say.say("Shelved by {who} until {when}", who=alert["shelved_by"], when=when), alert["shelved_why"]))
-        )
+    if alert.shelved_until is not None:
+        shelved = say.say("Shelved by {who} until {when}", who=alert.shelved_by, when=_moment(alert.shelved_until, say))
+        lines.append(paragraph(_because(shelved, alert.shelved_why)))
     return lines
 
 
-def _probability(alert: Mapping[str, Any], say: Language) -> str:
+def _moment(at: datetime, say: Language) -> str:
+    return moment(at.timestamp(), say)
+
+
+def _probability(alert: Alert, say: Language) -> str:
     """The probability of the change that the condition is about; nothing for a condition of the data, which has none."""
-    condition = CONDITIONS.get(alert["condition"])
+    condition = CONDITIONS.get(alert.condition)
     if condition is None or condition.change_probable is None:
         return ""
-    chance = alert["probability"]  # no evidence makes it 100 %
+    chance = alert.probability  # no evidence makes it 100 %
     figure = say.say("more than {percent} %", percent=say.figure(99.99, 2)) if chance > 0.9999 else say.percent(chance, 2)
     what = say.say(condition.change_probable)
     return paragraph(say.say("Probability that friction {what}: {chance}.", what=what, chance=figure), "small")
@@ -106,7 +93,7 @@ def transitions(report: Mapping[str, Any], say: Language) -> list[str]:
             moment(unix_s(event["at"]), say),
             say.name(event["joint"]),
             say.say(work) if (work := mark_text(event)) else _name(event.get("condition") or event["kind"], say),
-            say.word(event["kind"]) + _tier(event, say),
+            say.word(event["kind"]) + _tier(event.get("tier"), say),
             _by(event),
         ]
         for event in told[-SHOWN:]
@@ -126,8 +113,8 @@ def _by(event: Mapping[str, Any]) -> str | None:
     return _because(who, event.get(names[1].replace("_by", "_why")) or event.get("why"))
 
 
-def _tier(event: Mapping[str, Any], say: Language) -> str:
-    words = TIER_WORDS.get(event.get("tier") or "")
+def _tier(tier: str | None, say: Language) -> str:
+    words = TIER_WORDS.get(tier or "")
     return f", {say.say(words)}" if words else ""
 
 

@@ -7,11 +7,14 @@ import numpy as np
 
 from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import IN_PERIOD, PERIODS_END, SINCE, stale_reason, unseen_steps
+from monitor.publish.documents import Alert, read
+from monitor.publish.shown import Age, gravest_first, shown_of
 from monitor.publish.timestamps import unix_s
+from monitor.reason import reason_from
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
 from monitor.views.history import PERCENT_PER_MONTH
 from monitor.views.language.catalogue import ENGLISH, Language, full_day, moment
-from monitor.views.report.alerts import alert_boxes, by_gravity, chip, lead, transitions
+from monitor.views.report.alerts import alert_boxes, chip, lead, transitions
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.report.sections import from_production, inspection, maintenance_table, unwatched
@@ -92,14 +95,17 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
 
 def _verdict(report: Mapping[str, Any], say: Language) -> str:
     """The box at the top: the state of the arm at the end of the period, what decides, and what is too old to rely on."""
-    verdict = report["verdict"]
+    verdict, alerts = report["verdict"], gravest_first(read(Alert, each) for each in report["alerts"])
+    active = [alert for alert in alerts if alert.active]
+    state, why = (None, None) if verdict is None else (verdict["health"]["arm"], reason_from(verdict["why"]["arm"]))
+    shown = shown_of(state, why, active, stale=bool(report["stale"]))
+    decides = shown.alert or (active[0] if active and shown.age is Age.NOW else None)  # a notice decides nothing, and is said
+    text = " ".join(lead(decides, report, say)) if decides is not None else _capital(say.say(shown.why))
+    lines = [paragraph(Markup(f'{chip(shown.pill, say)} <b class="lead">{escaped(text)}</b>'))]
     if verdict is None:
         nothing = say.say("No replay was assessed in this period: nothing can be said of this arm.")
-        return '<div class="box">' + paragraph(nothing, "warn") + "</div>"
-    active = by_gravity([alert for alert in report["alerts"] if alert["active"]])
-    text = " ".join(lead(active[0], report, say)) if active else _capital(say.of(verdict["why"]["arm"]))
-    lines = [
-        paragraph(Markup(f'{chip(verdict["health"]["arm"], say)} <b class="lead">{escaped(text)}</b>')),
+        return '<div class="box">' + "".join(lines if active else []) + paragraph(nothing, "warn") + "</div>"
+    lines += [
         paragraph(
             say.say(
                 "As of the last replay of the period, {when}. Active alerts at the end of the period: {count}.",
@@ -135,7 +141,7 @@ def _joints(report: Mapping[str, Any], say: Language) -> str:
         rows.append(
             [
                 say.name(row["joint"]),
-                Markup(chip(states[row["joint"] - 1], say) + out_of_date),
+                Markup(chip(shown_of(states[row["joint"] - 1], None, stale=row["joint"] in old).pill, say) + out_of_date),
                 _pair(say, 100 * row["wear"], 100 * row["wear_std"], 1, signed=True),
                 _pair(say, PERCENT_PER_MONTH * row["wear_rate_per_day"], PERCENT_PER_MONTH * row["wear_rate_std_per_day"], 1, signed=True),
                 _life(life, say),

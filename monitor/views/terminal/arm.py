@@ -13,11 +13,12 @@ from rich.text import Text
 from monitor.identify.document import NINETY
 from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import unseen_steps
+from monitor.publish.documents import Alert, Health, HistoryRow, read
+from monitor.publish.shown import arm_shown
 from monitor.publish.timestamps import unix_s
-from monitor.reason import joint_name, joint_text
+from monitor.reason import ENGLISH, Reason, Words, joint_name, joint_text, reason_at, reason_from
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.history import PERCENT_PER_MONTH
-from monitor.views.language.catalogue import ENGLISH
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, local_times, number, pair, remaining_life, standard_output, table_of
 
 NEWEST = 3  # stops that are printed
@@ -128,12 +129,14 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     """
     published, document = document, local_times(document, zone)
     console = standard_output(120, highlight=True)
-    once = _Once(row["reason"] for row in document["ledger"])
+    once = _Once(reason_at(row, "reason") for row in document["ledger"])
     health = document["health"]
     not_watched = document.get("not_watched")
     if not_watched:  # before anything that looks like a verdict of now
         console.print(f"[bold red]NOT WATCHED[/]: {escape(not_watched)}; what follows is of then", highlight=False)
-    state = f"{health['state']}{' then' if not_watched else ''}" if health else "no replay has been assessed yet"
+    said = read(Health, published["health"]) if health else None
+    shown = arm_shown(said)
+    state = f"{shown.pill.value}{' then' if not_watched else ''}" if said else shown.why.text
     console.print(f"{document['robot']}: {state}, model {document['model_revision']}")
     if health and health.get("stale"):
         console.print(f"[yellow]{health['stale_why']}[/]", highlight=False)
@@ -147,7 +150,7 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
             rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]
             _print_leading(console, utc, rows[0] if rows else None, unix_s(published["said_at"]))
             place = "arm" if alert["joint"] is None else f"j{alert['joint']}"
-            console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {once(alert['text'])}", highlight=False, markup=False)
+            console.print(f"  {place}/{alert['condition']}, {alert['tier']}: {_said(once, alert, 'text')}", highlight=False, markup=False)
     for line in from_production_lines(document.get("from_production")):
         console.print(f"  {line}", highlight=False, markup=False)
     for line in inspection_lines(document.get("inspection")):
@@ -155,11 +158,10 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
     for act in document.get("maintenance", ()):
         console.print(f"  {act['text']}", highlight=False, markup=False)
     if document.get("monitor"):
-        for line in monitor_lines(document["monitor"]).splitlines():
-            console.print(once(line), highlight=False, markup=False)
+        console.print(monitor_lines(document["monitor"], once), highlight=False, markup=False)
     for count, row in _grouped(document["ledger"]):
         times = "" if count == 1 else f" and {count - 1} before it"
-        reason = f"  {once(row['reason'])}" if row["reason"] else ""
+        reason = f"  {_said(once, row, 'reason')}" if row["reason"] else ""
         console.print(f"  replay {row['replay']}  {row['window']}  {row['state']}{times}{reason}", highlight=False, markup=False)
         if row.get("borrowed"):
             console.print(f"    {borrowed_text(row['borrowed'])}", highlight=False, markup=False)
@@ -192,21 +194,24 @@ def borrowed_text(borrowed: dict[str, Any]) -> str:
     return f"borrowed from {program}, which waited {borrowed['waited_s']:.1f} s"
 
 
-class _Once:
-    """Gives a text back, with `as above` in place of a window's reason where it is the last one that was named."""
+class _Once(Words):
+    """Says a window's reason as `as above` where it is the last one of them that was said, also within another sentence."""
 
-    def __init__(self, reasons: Iterable[str | None]) -> None:
-        self._reasons = sorted({reason for reason in reasons if reason}, key=len, reverse=True)  # the longest first: one may hold another
-        self._last: set[str] = set()  # another one between them, and `above` would mean that
+    def __init__(self, reasons: Iterable[Reason | None]) -> None:
+        self._reasons = [reason for reason in reasons if reason is not None]
+        self._last: Reason | None = None  # another one between them, and `above` would mean that
 
-    def __call__(self, text: str) -> str:
-        named = [reason for reason in self._reasons if reason in text]
-        for reason in named:
-            if reason in self._last:
-                text = text.replace(reason, "as above")
-        if named:
-            self._last = set(named)
-        return text
+    def say(self, reason: Reason, /) -> str:
+        """The sentence, or that it stands above."""
+        if reason not in self._reasons:
+            return super().say(reason)
+        again, self._last = reason == self._last, reason
+        return "as above" if again else super().say(reason)
+
+
+def _said(words: Words, document: Mapping[str, Any], key: str) -> str:
+    reason = reason_at(document, key)
+    return "" if reason is None else words.say(reason)
 
 
 def _alerts(document: dict[str, Any]) -> list[dict[str, Any]]:
@@ -215,10 +220,10 @@ def _alerts(document: dict[str, Any]) -> list[dict[str, Any]]:
     return alerts
 
 
-def _print_leading(console: Console, alert: dict[str, Any], friction: dict[str, Any] | None, now_unix_s: float) -> None:
+def _print_leading(console: Console, alert: Mapping[str, Any], friction: Mapping[str, Any] | None, now_unix_s: float) -> None:
     """Print the sentences that an alert leads with, as of now. friction : newest estimate of its joint, as `status` knows it."""
-    learnt = None if friction is None or not friction.get("recorded_at") else unix_s(friction["recorded_at"])
-    told = sentences(alert, JointPast(friction, None, learnt), now_unix_s, ENGLISH)
+    known = None if friction is None else read(HistoryRow, friction)
+    told = sentences(read(Alert, alert), JointPast(known, None, None if known is None else known.recorded_at.timestamp()), now_unix_s)
     console.print(Text.assemble((told.headline, "bold"), *(f" {more}" for more in (told.pace, told.due) if more)))
 
 
@@ -257,7 +262,7 @@ def _friction_table(friction: list[dict[str, Any]], joints: list[dict[str, Any]]
     return table
 
 
-def monitor_lines(document: dict[str, Any]) -> str:
+def monitor_lines(document: dict[str, Any], words: Words = ENGLISH) -> str:
     """The newest `monitor` document as lines: the monitor's own state, its problems, the outcome of the last reload."""
     store = document["store"]
     free = "unknown" if store["free_bytes"] is None else f"{store['free_bytes'] / 1e9:.1f} GB"
@@ -276,8 +281,8 @@ def monitor_lines(document: dict[str, Any]) -> str:
         since = f", the oldest since {archive['waiting_since']}" if archive["waiting"] else ""
         lines.append(f"  archive {archive['address']}: {archive['recordings']} recordings; {archive['waiting']} wait{since}")
     if due := document.get("due"):
-        lines.append(f"  replay due since {due['since']} ({due['why']}), {due['text']}")
-    lines += [f"  since {problem['since']} {problem['name']}: {problem['text']}" for problem in document["troubles"]]
+        lines.append(f"  replay due since {due['since']} ({due['why']}), {words.say(reason_from(due))}")
+    lines += [f"  since {problem['since']} {problem['name']}: {words.say(reason_from(problem))}" for problem in document["troubles"]]
     if document.get("reload"):
         reload = document["reload"]
         lines.append(f"  configuration {'reloaded' if reload['done'] else 'NOT reloaded'} at {reload['at']}: {reload['text']}")

@@ -109,10 +109,7 @@ def about_arm(
             {"name": "limit", "rise": health.limit_rise, "state": "FAILURE"},
         ],
         "conditions": {
-            name: {
-                "states": {tier: of.state for tier, of in condition.tiers.items()},
-                "probability_of": None if condition.change_probable is None else condition.change_probable.document(),
-            }
+            name: {"probability_of": None if condition.change_probable is None else condition.change_probable.document()}
             for name, condition in CONDITIONS.items()
         },
         "life": {"limit_rise": prognosis.limit_rise, "service_days": prognosis.service_days},

@@ -10,7 +10,9 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import Response
 
-from monitor.views.alert_sentence import JointPast, sentences
+from monitor.publish.documents import Alert, Friction, Health, read
+from monitor.publish.shown import alert_pill, arm_shown, joint_shown
+from monitor.views.alert_sentence import JointPast, deciding, sentences
 from monitor.views.language.catalogue import LANGUAGES, Language, best_language, language
 from monitor.views.web.page_content import PageContent
 
@@ -96,22 +98,31 @@ class Told:
                 continue
             document = json.loads(payload)
             words = say.document(document)
-            if key.startswith("alert/") and isinstance(document, dict):
-                words["said"] = self._sentences(document, last, say)
+            if key.startswith("alert/"):
+                alert = read(Alert, document)
+                said = sentences(alert, self._past(alert.joint, last), self._content.now(), say)
+                words |= {"said": said._asdict(), "pill": alert_pill(alert).value}
+            elif key == "health":
+                words |= self._shown(read(Health, document), last, say)
             told.append((key, json.dumps(words, ensure_ascii=False, separators=(",", ":")).encode()))
         return told
 
-    def _sentences(self, alert: Mapping[str, Any], last: Mapping[str, bytes], say: Language) -> dict[str, str]:
-        """Headline, pace and due of one alert."""
-        joint, past = alert["joint"], JointPast(began_unix_s=self._content.began_unix_s())
-        payload = last.get(f"joint/{joint}/friction")
-        if joint is not None and payload is not None:
-            past = past._replace(
-                friction=json.loads(payload),
-                began_unix_s=self._content.began_unix_s(joint),
-                learnt_unix_s=self._content.newest_unix_s(),
-            )
-        return sentences(alert, past, self._content.now(), say)._asdict()
+    def _past(self, joint: int | None, last: Mapping[str, bytes]) -> JointPast:
+        """What is known of the joint of an alert."""
+        payload = None if joint is None else last.get(f"joint/{joint}/friction")
+        if payload is None:
+            return JointPast(began_unix_s=self._content.began_unix_s())
+        return JointPast(Friction.model_validate_json(payload), self._content.began_unix_s(joint), self._content.newest_unix_s())
+
+    def _shown(self, health: Health, last: Mapping[str, bytes], say: Language) -> dict[str, Any]:
+        """How arm and joints are shown. of_arm : the arm's own alert decides."""
+        shown = arm_shown(health)
+        past = self._past(None if shown.alert is None else shown.alert.joint, last)
+        text = deciding(shown, self._content.now(), say, past.began_unix_s)
+        return {
+            "shown": {"pill": shown.pill.value, "text": text, "of_arm": shown.alert is not None and shown.alert.joint is None},
+            "pills": {str(each.joint): joint_shown(each).pill.value for each in health.joints},
+        }
 
 
 def _has_words(key: str) -> bool:

@@ -33,8 +33,8 @@ def upgrade() -> None:
         sa.Column("first_seen", At, nullable=False),
         sa.Column("history", sa.Integer, nullable=False),
         sa.Column("silent_since", At),
-        sa.Column("silent_why", sa.Text),
-        sa.Column("problem", sa.Text),
+        sa.Column("silent_why", Document),
+        sa.Column("problem", Document),
         sa.UniqueConstraint("site", "robot"),
     )
     op.create_table(
@@ -43,7 +43,7 @@ def upgrade() -> None:
         sa.Column("number", sa.Integer, primary_key=True, autoincrement=False),
         sa.Column("history_id", sa.Text),
         sa.Column("began_at", At, nullable=False),
-        sa.Column("why", sa.Text),
+        sa.Column("why", Document),
         sa.Column("event_cursor", sa.BigInteger, nullable=False),
         sa.Column("event_mark", sa.Text, nullable=False),
         sa.Column("change_cursor", sa.BigInteger, nullable=False),

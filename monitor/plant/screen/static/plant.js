@@ -3,6 +3,7 @@
 const PERIOD_MS = 3000, PATIENCE_MS = 20000, FEW_ALERTS = 5, MOST_ALERTS = 200, FIRST_ROWS = 60, SAME = 0.005, STEPS = [0.02, 0.05, 0.1, 0.2, 0.5];
 const GRADES = { sick: N_("sick"), unseen: N_("not seen"), doubtful: N_("doubtful"), well: N_("well") };
 const about = JSON.parse($("about-data").textContent), TOKEN = document.querySelector("meta[name=page-token]").content;
+const TIERS = ["advisory", "wear", "limit"];
 const ROLES = ["look", "acknowledge", "move", "configure"], may = (role) => ROLES.indexOf(about.role) >= ROLES.indexOf(role);
 let allAlerts = false, plant = JSON.parse($("arms-data").textContent), heard = Date.now(), clock = null, grade = "", pending = null, past = { marks: [], t: [] };
 const filters = { search: "", site: "", model: "" };
@@ -23,18 +24,17 @@ function known(arm) {
     const off = Math.abs(arm.clock_ahead_s), time = off > 7200 ? `${Math.round(off / 3600)} h` : `${Math.round(off / 60)} min`;
     lines.push([arm.clock_ahead_s > 0 ? t("Its clock is {time} ahead of the plant's.", { time }) : t("Its clock is {time} behind the plant's.", { time }), "warn"]);
   }
-  const open = arm.alerts.filter((alert) => !alert.acknowledged_at).length;
-  if (open) lines.push([t("Alerts that wait for a person: {count}", { count: open }), ""]);
-  if (arm.why && arm.state !== "NORMAL") lines.push([sentence(arm.why), ""]);
+  if (arm.waiting) lines.push([t("Alerts that wait for a person: {count}", { count: arm.waiting }), ""]);
+  if (arm.age === "now" && arm.pill !== "NORMAL") lines.push([sentence(arm.why), ""]);
   if (arm.troubles.length) lines.push([t("Problems of its monitor: {names}", { names: arm.troubles.map((name) => t(name).replaceAll("_", " ")).join(", ") }), ""]);
   if (arm.version && plant.version && arm.version !== plant.version) lines.push([t("Its monitor is of version {theirs}, the plant of {ours}.", { theirs: arm.version, ours: plant.version }), ""]);
   return lines;
 }
 
 function row(arm) {
-  const made = make("tr", null, { "data-key": nameOf(arm), "data-state": String(arm.state) }), where = make("td"), joints = make("td", null, { class: "wide" }), what = make("td");
+  const made = make("tr", null, { "data-key": nameOf(arm), "data-state": String(arm.pill) }), where = make("td"), joints = make("td", null, { class: "wide" }), what = make("td");
   const state = make("td");
-  state.append(chip(arm.silent_since && !arm.state ? null : arm.state));
+  state.append(chip(arm.pill));
   where.append(make("a", nameOf(arm), { href: href(arm) }), make("div", (arm.model || "?").toUpperCase(), { class: "dim small" }));
   const group = make("div", null, { class: "joints" });
   arm.joints.forEach((one, k) => {
@@ -91,11 +91,10 @@ function choices(id, values) {
 
 function alerts() {
   const found = shown().flatMap((arm) => arm.alerts.map((alert) => ({ arm, alert })));
-  const shelved = ({ alert }) => alert.shelved_until && Date.parse(alert.shelved_until) > Date.now();
-  for (const one of found) one.rank = [one.alert.acknowledged_at ? 1 : 0, shelved(one) ? 1 : 0, one.alert.tier === "limit" ? 0 : one.alert.tier === "wear" ? 1 : 2].join("");
+  for (const one of found) one.rank = [one.alert.acknowledged_at ? 1 : 0, one.alert.person === "shelved" ? 1 : 0, 9 - TIERS.indexOf(one.alert.tier)].join("");
   const order = (a, b) => (a < b ? -1 : a > b ? 1 : 0);
   found.sort((a, b) => order(a.rank, b.rank) || order(b.alert.raised_at, a.alert.raised_at));
-  const open = found.filter((one) => !one.alert.acknowledged_at && !shelved(one)).length;
+  const open = found.filter((one) => one.alert.person === "waits").length;
   $("alert-count").textContent = found.length ? t("{open} open, {all} in all", { open, all: found.length }) : "";
   const most = allAlerts ? MOST_ALERTS : FEW_ALERTS, made_of = JSON.stringify([found.slice(0, most).map(({ arm, alert }) => [nameOf(arm), alert]), found.length, about.role, allAlerts]);
   if ($("alerts").dataset.madeOf === made_of) return;
@@ -118,7 +117,7 @@ function alertRow(arm, alert) {
   text.append(make("a", nameOf(arm), { href: href(arm) }), ` ${joint}: ${words(alert.condition)}. `, make("span", sentence(alert.text), { class: "dim" }));
   const told = [t("since {when}", { when: brief(alert.raised_at) })];
   if (alert.acknowledged_at) told.push(t("seen by {name}", { name: alert.acknowledged_by || "?" }));
-  if (alert.shelved_until && Date.parse(alert.shelved_until) > Date.now()) told.push(t("shelved until {when}", { when: brief(alert.shelved_until) }));
+  if (alert.person === "shelved") told.push(t("shelved until {when}", { when: brief(alert.shelved_until) }));
   text.append(" ", make("span", told.join(", "), { class: "dim small" }));
   if (alert.ticket) {
     const name = t("ticket {number}", { number: alert.ticket.number || "?" });
@@ -132,7 +131,7 @@ function alertRow(arm, alert) {
       buttons.append(button);
     }
   }
-  made.append(chip(alert.tier === "limit" ? "FAILURE" : alert.tier === "wear" ? "MAINTENANCE_REQUIRED" : "OFF_SPEC"), text, buttons);
+  made.append(chip(alert.pill), text, buttons);
   return made;
 }
 

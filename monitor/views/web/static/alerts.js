@@ -7,14 +7,6 @@ const shelved = (alert) => Boolean(alert.shelved_until) && Date.parse(alert.shel
 const waits = (alert) => !alert.acknowledged_at && !shelved(alert);
 const allAlerts = () => Object.entries(values).filter(([key]) => key.startsWith("alert/")).map(([, document_]) => document_);
 
-// the state that the monitor itself gives the joint; "advice" where the joint stays NORMAL
-function stateOfAlert(alert) {
-  if (!alert.active) return "null";
-  if (alert.awaiting_proof) return "CHECK_FUNCTION";
-  const condition = about.conditions[alert.condition], state = condition ? condition.states[alert.tier] : null;
-  return state === "NORMAL" ? "advice" : state || "CHECK_FUNCTION";
-}
-
 // the causes of a change: they add up as logarithms, and are shown as percentages of friction torque
 function attribution(parts) {
   const rows = [[t("measured change"), parts.whole], [t("of it temperature"), parts.temperature], [t("of it payload and context"), parts.payload],
@@ -78,7 +70,7 @@ function buttonsOf(alert, name) {
 }
 
 function alertCard(alert) {
-  const card = make("article", null, { class: "alert", "data-state": stateOfAlert(alert), "data-key": keyOf(alert) });
+  const card = make("article", null, { class: "alert", "data-state": String(alert.pill), "data-key": keyOf(alert) });
   const name = `${jointName(alert.joint)}: ${words(alert.condition)}`, said = alert.said || { headline: name, pace: "", due: alert.action };
   const text = make("div", null, { class: "text" }), label = make("p", null, { class: "kind" });
   label.append(name, make("span", alert.active ? t(TIER_WORDS[alert.tier] || alert.tier) : t("cleared"), { class: "pill" }));

@@ -8,7 +8,7 @@ const LOCALE = (navigator.languages || []).find((one) => one.toLowerCase().start
 const t = (text, values) => (WORDS[text] || text).replace(/\{(\w+)\}/g, (place_, name) => (values && name in values ? values[name] : place_));
 const N_ = (text) => text;  // marks a text for the catalogue
 const STATES = {
-  NORMAL: ["✓", N_("Normal")], CHECK_FUNCTION: ["C", N_("Check function")], OFF_SPEC: ["S", N_("Out of specification")],
+  NORMAL: ["✓", N_("Normal")], NOTICE: ["i", N_("Notice")], CHECK_FUNCTION: ["C", N_("Check function")], OFF_SPEC: ["S", N_("Out of specification")],
   MAINTENANCE_REQUIRED: ["M", N_("Maintenance required")], FAILURE: ["F", N_("Failure")], null: ["?", N_("Not known yet")],
 };
 const stateWords = (state) => t((STATES[state] || STATES.null)[1]);

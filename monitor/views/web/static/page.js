@@ -8,46 +8,41 @@ let stops = [], stream = null, lost = null, heard = Date.now(), clock = null, to
 
 const friction = (joint) => values[`joint/${joint}/friction`];
 const count = () => (about ? about.arm.links.length : 6);
-const stateOf = (joint) => ((values.health && values.health.joints) || []).find((one) => one.joint === joint) || { state: null, why: t("not known yet") };
+const stateOf = (joint) => {
+  const found = ((values.health && values.health.joints) || []).find((one) => one.joint === joint);
+  return found ? { ...found, pill: values.health.pills[joint] } : { pill: null, why: t("not known yet") };
+};
 
 const stale = () => make("span", t("OUT OF DATE"), { class: "old", title: t("Nothing was learned for too long: the state is of then, not of now.") });
 
 // --- what is shown -----------------------------------------------------------------------------------
 
-// the worst truth: the gravest of the last verdict, the active alerts, and what keeps the verdict from being one of now
-function worstTruth() {
-  const health = values.health || { state: null }, order = Object.keys(STATES);
-  const grave = (state) => (state == null || state === "null" || state === "advice" ? -1 : order.indexOf(state));
-  let worst = { state: health.state, text: health.state ? sentence(health.why) : t("No replay has been assessed yet.") };
-  const candidates = allAlerts().filter((alert) => alert.active && stateOfAlert(alert) !== "advice")
-    .map((alert) => ({ state: stateOfAlert(alert), text: alert.said ? alert.said.headline : alert.text, own: alert.joint == null }));
-  // of equally grave ones the arm's own come first: what they say holds for every joint
-  for (const one of candidates.sort((x, y) => y.own - x.own)) if (grave(one.state) > grave(worst.state) || (one.state === worst.state && !worst.alert)) worst = { ...one, alert: true };
-  const unsure = stops.length ? t("The arm is stopped: nothing moves until a person has looked at it.")
-    : health.stale && health.state ? t("What stands here is out of date.") : "";
-  if (unsure && !worst.own && grave(worst.state) <= grave("CHECK_FUNCTION")) worst = { state: "CHECK_FUNCTION", text: unsure };
-  return worst;
+// the server says how the arm is shown; a stop that waits for a person is known here first
+function shownArm() {
+  const shown = values.health ? values.health.shown : { pill: null, text: t("No replay has been assessed yet."), of_arm: false };
+  if (!stops.length || shown.of_arm || !["null", "NORMAL", "CHECK_FUNCTION"].includes(String(shown.pill))) return shown;
+  return { pill: "CHECK_FUNCTION", text: t("The arm is stopped: nothing moves until a person has looked at it.") };
 }
 
 function verdict() {
   if (!about) return;
-  const health = values.health || { state: null }, worst = worstTruth();
-  $("state").replaceWith(Object.assign(chip(worst.state), { id: "state" }));
-  $("why").textContent = worst.text;
-  $("since").textContent = health.since && worst.state === health.state ? t("since {when}", { when: brief(health.since) }) : "";
+  const health = values.health || { state: null }, shown = shownArm();
+  $("state").replaceWith(Object.assign(chip(shown.pill), { id: "state" }));
+  $("why").textContent = sentence(shown.text);
+  $("since").textContent = health.since && shown.pill === health.state ? t("since {when}", { when: brief(health.since) }) : "";
   $("said").textContent = health.said_at ? brief(health.said_at) : "–";  // this element is outside the live region: a screen reader would read it aloud every minute
   $("old").hidden = $("stale").hidden = !health.stale;
   $("stale").textContent = health.stale ? `${sentence(health.stale_why.replace(/^STALE: /, ""))} ${t("Look below, at Replays, why the last ones ended as they did, and at The monitor itself; once the arm may move, ask for a replay.")}` : "";
   const waits = values.monitor && values.monitor.due;  // for the node of the program that lends the arm
   $("due").textContent = waits ? t("due since {when}, {text}", { when: brief(waits.since), text: waits.text }) : health.next_replay_due ? brief(health.next_replay_due) : t("none");
   $("revision").textContent = values.model ? String(values.model.revision) : "0";
-  $("verdict").dataset.state = String(worst.state);
-  document.title = `${lost ? `${t("NOT CONNECTED")}, ` : ""}${health.stale ? `${t("OUT OF DATE")}, ` : ""}${stateWords(worst.state)}: ${about.robot.id} – joint-monitor`;
+  $("verdict").dataset.state = String(shown.pill);
+  document.title = `${lost ? `${t("NOT CONNECTED")}, ` : ""}${health.stale ? `${t("OUT OF DATE")}, ` : ""}${stateWords(shown.pill)}: ${about.robot.id} – joint-monitor`;
   for (let j = 1; j <= count(); j++) {
     const one = stateOf(j);
-    if (drawing) drawing.state(j, String(one.state), `${jointName(j)}: ${stateWords(one.state)}${one.stale ? `, ${t("OUT OF DATE")}` : ""}. ${sentence(one.why)}`, one.stale);
+    if (drawing) drawing.state(j, String(one.pill), `${jointName(j)}: ${stateWords(one.pill)}${one.stale ? `, ${t("OUT OF DATE")}` : ""}. ${sentence(one.why)}`, one.stale);
     const tab = $(`tab-${j}`);
-    if (tab) { tab.dataset.state = String(one.state); tab.classList.toggle("stale", Boolean(one.stale)); }
+    if (tab) { tab.dataset.state = String(one.pill); tab.classList.toggle("stale", Boolean(one.stale)); }
   }
 }
 
@@ -94,9 +89,9 @@ function joints() {
   }
   for (let j = 1; j <= count(); j++) {
     const row = body.rows[j - 1], own = friction(j), state = stateOf(j);
-    row.cells[1].replaceChildren(chip(state.state), ...(state.stale ? [stale()] : []));
+    row.cells[1].replaceChildren(chip(state.pill), ...(state.stale ? [stale()] : []));
     row.cells[1].title = sentence(state.why);
-    row.dataset.state = String(state.state);
+    row.dataset.state = String(state.pill);
     row.cells[2].replaceChildren(sparkline(past.joints[String(j)]));
     row.cells[3].replaceChildren(...(own ? [signed(100 * own.wear), make("span", ` ± ${number(100 * own.wear_std)}`, { class: "std" }), " %"] : ["–"]));
     row.cells[4].textContent = own ? `${signed(3000 * own.wear_rate_per_day)} %` : "–";
@@ -146,7 +141,7 @@ function figures() {
   $("which").textContent = jointName(chosen);
   $("link-name").textContent = t("joint {number}", { number: chosen });
   const shown = make("span");
-  shown.append(chip(state.state), ...(state.stale ? [stale()] : []));
+  shown.append(chip(state.pill), ...(state.stale ? [stale()] : []));
   const rows = [[t("State"), shown]], physics = [];
   if (own) {
     const assumed = own.remaining_life.assumption;
