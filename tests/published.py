@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, TypeAdapter
 
-from monitor.publish.documents import Document
+from monitor.publish.documents import Document, Time
 from monitor.publish.registry import KINDS, Delivery
 
 
@@ -53,6 +53,6 @@ def _value(annotation: Any, value: Any) -> Any:
         return _partial(models[0], value)
     if models and isinstance(value, list):
         return [_partial(models[0], each) for each in value]
-    if isinstance(value, str) and datetime in (annotation, *get_args(annotation)):
+    if isinstance(value, str) and {datetime, Time} & {annotation, *get_args(annotation)}:
         return TypeAdapter(datetime).validate_python(value)
     return value
