@@ -8,7 +8,6 @@ import typer
 from monitor.cli.options import Commands, ForceOption, JsonOption, ReportOutputOption, load_configuration, print_json, refuse_overwriting
 from monitor.errors import BadInput, StoreError
 from monitor.publish.timestamps import unix_s
-from monitor.views.report.html import check_page
 
 
 def reproduce(
@@ -56,6 +55,7 @@ def report(
     from monitor.store.store import Store
     from monitor.views.language.catalogue import LANGUAGES
     from monitor.views.language.catalogue import language as say_in
+    from monitor.views.report.html import check_page
     from monitor.views.report.page import report_page
 
     if output is None and not as_json:
