@@ -34,7 +34,7 @@ def test_hundreds_of_arms_through_outages_of_the_broker(tmp_path, record_propert
         waited(lambda: not world.channel._broker.connected, "the loss is noticed")
         for minute in range(100):
             site, robot = names[(37 * minute + outage) % len(names)]
-            world.put(arm(robot, site=site, joints={1: row(1, wear=(outage + minute) / 1000.0)}))
+            world.put(arm(robot, site=site, friction={1: row(1, wear=(outage + minute) / 1000.0)}))
         broker.start()
         with Onlooker(broker.port, "joint-monitor/#") as onlooker:
             world.until(lambda: onlooker.kept.get("joint-monitor/availability") == b"online", "it is back")

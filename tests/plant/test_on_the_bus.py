@@ -140,7 +140,7 @@ def test_a_plant_copies_its_arms_follows_them_and_tells_who_is_gone(site, addres
         assert len(plant_status(database).arms) == ARMS - 1  # it is not there any more, so it does not come back
     with reading(address) as database:
         for shift_s in (3600.0, -3600.0):  # a clock that went back does not make a dead plant run
-            assert "the plant does not run" in plant_status(database, time.time() + shift_s).not_running
+            assert "the plant does not run" in plant_status(database, time.time() + shift_s).not_running.text
 
 
 def test_another_plant_with_the_same_database_is_told(tmp_path, monkeypatch, caplog):
