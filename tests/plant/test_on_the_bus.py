@@ -293,13 +293,13 @@ def test_a_real_daemon_is_copied_and_its_document_says_how_far_it_is(free_port, 
         until(plant, lambda: plant.trouble is None and copied(database).get("lab/cell-1", ([], []))[0] == [event.seq for event in events])
         (later,) = store.events.revise({"alerts": []}, [ALERT], BEGIN_UNIX_S + 60.0)
         of_others = OfOthers(None, None, None, None, None, ArmLink(heard=True), Waiting(to_send=0, to_answer=0, dropped=0), {}, [])
-        cursors = MonitorDocument(store, Problems(time.time), time.time).collect(of_others).model_dump(mode="json")["store"]
-        assert (cursors["last_event"], cursors["last_change"]) == (later.seq, 0)
+        said = MonitorDocument(store, Problems(time.time), time.time).collect(of_others)
+        assert (said.store.last_event, said.store.last_change) == (later.seq, 0)
         name = next(iter(plant.following.arms))
-        assert plant.following.arms[name].behind({"store": cursors})
+        assert plant.following.arms[name].behind(said)
         daemon.publisher.event(later)
         until(plant, lambda: copied(database)["lab/cell-1"][0] == list(range(1, later.seq + 1)))
-        until(plant, lambda: not plant.following.arms[name].behind({"store": cursors}))
+        until(plant, lambda: not plant.following.arms[name].behind(said))
         until(plant, lambda: checks_due(database) == [1.0])
 
 
