@@ -43,6 +43,7 @@ def left_by(error: ReplayAborted, after: ArmAfter | None, excitation: Excitation
     )
 
 
+PLACE_NOT_KNOWN = Sentence("place_not_known", "{host}: no RTDE data: whether the arm stands on its trajectory is not known")
 IN_VAIN = Sentence("brought_back_in_vain", "it was brought back {times} times in vain")
 NOT_BROUGHT_BACK = Sentence("not_brought_back", "after {cause} it is not brought back")
 NOWHERE_TO_BEGIN = Sentence("nowhere_to_begin", "the arm stands where no motion may begin, and {why}: {condition}: {found}")
@@ -68,7 +69,7 @@ def let_back(configuration: Configuration, store: Store) -> str:
     settings, excitation = configuration.replay, configuration.excitation
     state = configuration.driver.state(settings.host, settings.rate_hz, LOOK_S)
     if state is None:
-        raise RobotUnreachable(f"{settings.host}: no RTDE data: whether the arm stands on its trajectory is not known")
+        raise RobotUnreachable(PLACE_NOT_KNOWN(host=settings.host))
     before = left_in(store)
     if before is None or before.path_digest != excitation.path_digest:
         before = Left(path_digest=excitation.path_digest, on_path=True)

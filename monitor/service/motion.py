@@ -25,7 +25,7 @@ from monitor.model.fourier import Excitation
 from monitor.publish import documents
 from monitor.publish.documents import made
 from monitor.publish.permit import PermitReply
-from monitor.reason import Reason, reason_of
+from monitor.reason import INTERNAL, Reason, Sentence, reason_of
 from monitor.recording import Context, Recording
 from monitor.service.computing import HERE, Compute, ComputingFailed
 from monitor.service.left_arm import condition_inputs, left_by, left_in, with_a_person
@@ -35,6 +35,11 @@ from monitor.store.history.motions import UNKNOWN_END
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
+
+ANOTHER_ARM_ANSWERS = Sentence(
+    "another_arm_answers", "{host}: the controller's serial number is {serial}, expected {expected}, the arm that was moved before"
+)
+COMPLETE_BUT = Sentence("replay_complete_but", "{host}: the replay was complete; after it {what}")
 
 
 class ReplayWindow(Protocol):
@@ -91,8 +96,8 @@ class MotionLog:
         """Another arm than the expected one answers: that waits for a person, because nobody has said that it may move."""
         serial, expected = identity.serial, self.expected_serial
         if self._configured is None and None not in {serial, expected} and serial != expected:
-            text = f"{self._host}: the controller's serial number is {serial}, expected {expected}, the arm that was moved before"
-            self._store.stops.add_another_arm(str(serial), text, time.time())
+            why = ANOTHER_ARM_ANSWERS(host=self._host, serial=serial, expected=expected)
+            self._store.stops.add_another_arm(str(serial), why, time.time())
 
     def begin(self, identity: Identity) -> None:
         """Enter the motion. Raises StoreError, MotionRefused: the arm must not move then."""
@@ -105,7 +110,7 @@ class MotionLog:
             at_unix_s=time.time(),
         )
 
-    def end(self, cause: str, reason: str | None, *, needs_a_person: bool, left: Left | None = None, moved: bool = True) -> None:
+    def end(self, cause: str, reason: Reason | None, *, needs_a_person: bool, left: Left | None = None, moved: bool = True) -> None:
         """Note how the motion ended, and how it `left` the arm if it `moved` it; None: it brought it back.
 
         Where the disk refuses, it stays without an end, which waits for a person too.
@@ -188,14 +193,14 @@ def move(
             left = left_by(ended, after, played, before)
             if error.phase:
                 ended = with_a_person(ended, left, after, condition_inputs(configuration, played, context))
-            motion.end(ended.cause, str(ended), needs_a_person=ended.needs_a_person, left=left, moved=bool(error.phase))
+            motion.end(ended.cause, ended.reason, needs_a_person=ended.needs_a_person, left=left, moved=bool(error.phase))
             raise ended from error
         except (MotionRefused, RobotUnreachable) as error:
             given_back()
-            motion.end("refused", str(error), needs_a_person=False, moved=False)  # it was told to go, and found a reason not to move
+            motion.end("refused", error.reason, needs_a_person=False, moved=False)  # it was told to go, and found a reason not to move
             raise
         except BaseException as error:
-            motion.end("internal", f"internal: {type(error).__name__}: {error}", needs_a_person=True)
+            motion.end("internal", INTERNAL(error=type(error).__name__, text=str(error)), needs_a_person=True)
             raise
         given_back()
         after = look(chosen, settings, clean=True, should_stop=caller.should_stop)
@@ -203,7 +208,7 @@ def move(
             motion.end("done", None, needs_a_person=False)
         else:
             cause = UNKNOWN_END if after.stop is None else after.stop.cause
-            motion.end(cause, f"{settings.host}: the replay was complete; after it {after.unknown}", needs_a_person=True)
+            motion.end(cause, COMPLETE_BUT(host=settings.host, what=after.unknown), needs_a_person=True)
         return recording
 
     with store.motions.turn(time.time()):
