@@ -1,6 +1,5 @@
 """Figures of studies, with the one-sided 95 % bounds by which they are judged."""
 
-import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -102,10 +101,3 @@ def share_document(share: Share) -> dict[str, float | None]:
         "at_least": share.at_least,
         "at_most": share.at_most,
     }
-
-
-def at_least_one(text: str) -> int:
-    """The number of arms that an argument asks for. Raises argparse.ArgumentTypeError, whose text argparse shows."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: expected a whole number from 1 on")
-    return int(text)

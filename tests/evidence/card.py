@@ -13,11 +13,12 @@ from typing import Any
 
 from monitor.judge.settings import AssessSettings
 from monitor.model.fourier import Excitation, excitation_from_document
-from monitor.studies.figures import Share, at_least_one
+from monitor.studies.figures import Share
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import LEARNING_DAYS, play
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, Kind, detected, rehearse
 
+from . import at_least_one
 from .torque import study_arm, summary, surrogate
 from .worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 

@@ -22,10 +22,12 @@ from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_sta
 from monitor.judge.drift.suspicion import doubted_rise, suspected_rise
 from monitor.judge.settings import AssessSettings
 from monitor.recording import DAY_S, Array, known_or_none
-from monitor.studies.figures import DAYS_A_YEAR, Rate, at_least_one
+from monitor.studies.figures import DAYS_A_YEAR, Rate
 from monitor.studies.rehearsal.fleet import REPLAY_MIN, Day, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, interval_holds
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, days_to_play, onsets
+
+from . import at_least_one
 
 WINDOW_DAY = 0.125  # [d] a window opens at 3 o'clock, and the day before was judged at midnight
 

@@ -23,11 +23,12 @@ from scipy.special import log_ndtr, logsumexp
 from monitor.judge.drift.observation import Observation
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
-from monitor.studies.figures import DAYS_A_YEAR, at_least_one
+from monitor.studies.figures import DAYS_A_YEAR
 from monitor.studies.rehearsal.fleet import MEAN_DUTY, REVOLUTIONS_PER_DUTY_DAY, FleetSettings, Morning, Wear
 from monitor.studies.rehearsal.play import COMPARABLE
 from monitor.studies.rehearsal.rehearse import LATEST_ONSET, days_to_play, onsets
 
+from . import at_least_one
 from .production import (
     DAILY_UNTIL,
     PER_YEAR,

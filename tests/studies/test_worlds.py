@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from evidence.worlds import world_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -36,7 +37,7 @@ from monitor.studies.worlds.laws import (
     yearly,
 )
 from monitor.studies.worlds.table import WORLDS
-from monitor.studies.worlds.verdicts import judge_world, play_world, world_document, world_line
+from monitor.studies.worlds.verdicts import judge_world, play_world, world_document
 
 SHAPE = (1000, 20, 6)
 ASSESS = AssessSettings()

@@ -416,11 +416,6 @@ class Arm:
         torque = self.torque_nm
         return float(torque.dot(self.qd) + (self._copper * torque).dot(torque))
 
-    def gravity_nm(self) -> Array:
-        """(J,) torque that holds the arm against gravity [N·m]."""
-        result: Array = pin.computeGeneralizedGravity(self.model, self.model.createData(), self.q)
-        return result
-
     def rigid_torque(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
         """Torque without friction for states (N, J): at the drives, with the rotors, and at the links, each (N, J) [N·m]."""
         data = self.model.createData()
@@ -432,14 +427,6 @@ class Arm:
         """(N, J) friction torque with the present wear and without run-in, at given grease temperatures or the present ones [N·m]."""
         grease = self.temperatures.grease_c if grease_c is None else grease_c
         return self.law.torque(qd, load_nm, grease, self.wear.coulomb, self.wear.viscous)
-
-    def energy_j(self) -> float:
-        """Kinetic energy, with the rotors, and potential energy [J]."""
-        return self.kinetic_j() + float(pin.computePotentialEnergy(self.model, self.model.createData(), self.q))
-
-    def kinetic_j(self) -> float:
-        """Kinetic energy, with the rotors [J]."""
-        return float(0.5 * self.qd @ pin.crba(self.model, self.model.createData(), self.q) @ self.qd)
 
 
 def arm_model(robot: Robot, mounting: Mounting, payload_kg: float, payload_com_m: tuple[float, ...]) -> "pin.Model":
