@@ -273,6 +273,10 @@ USE_OF_THE_PAGES: dict[str, tuple[str, ...]] = {  # what a person does and sees 
 }
 
 REPORT: dict[str, tuple[str, ...]] = {  # the printed page
+    "one state and one sentence on every page, report, message and protocol": (
+        "views/test_shown_alike.py::test_every_alert_has_one_pill_one_state_and_one_sentence",
+        "views/test_shown_alike.py::test_what_is_of_then_is_normal_nowhere",
+    ),
     "the deciding sentence leads": ("views/test_report.py::test_the_report_leads_with_the_sentence_that_decides",),
     "everything with its evidence": ("views/test_report.py::test_everything_that_happened_is_reported_with_its_evidence",),
     "a period": (
