@@ -89,7 +89,7 @@ def test_an_alert_of_a_condition_that_this_release_does_not_know_is_to_be_checke
 
 
 def test_a_registered_condition_is_on_the_page_and_in_the_documentation(overheated, tmp_path):
-    """The page's facts name its state, the documentation's table its meaning and its advice."""
+    """The page's facts name it, the documentation's table its meaning and its advice."""
     import importlib.util
     from pathlib import Path
 
@@ -97,7 +97,7 @@ def test_a_registered_condition_is_on_the_page_and_in_the_documentation(overheat
     from monitor.service.page import about
 
     configuration = from_document({"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}}, tmp_path / "cell.toml")
-    assert about(configuration)["conditions"]["overheated"] == {"states": {"advisory": "OFF_SPEC"}, "probability_of": None}
+    assert about(configuration)["conditions"]["overheated"] == {"probability_of": None}
     spec = importlib.util.spec_from_file_location("docs_reference", Path(__file__).parents[2] / "docs" / "site" / "reference.py")
     reference = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reference)

@@ -132,5 +132,5 @@ def test_the_last_joint_of_a_small_arm_may_stand_two_turns_on(robot):
 
 def test_another_personality_is_refused_with_the_known_ones():
     """The message names the value and what is expected."""
-    with pytest.raises(BadInput, match="personality = 'grumpy'; expected ideal or recorded"):
+    with pytest.raises(BadInput, match="personality = 'grumpy'; expected one of ideal, recorded"):
         SimulateSettings(personality="grumpy")

@@ -100,7 +100,7 @@ def test_a_machine_without_real_time_is_named_and_is_no_failure_of_the_demo(tmp_
     )
     made = replays.DemoReplay(SimpleNamespace(), SimpleNamespace(play=lambda _: stepped), state)
     monkeypatch.setattr(made, "_live", lambda *_: (_ for _ in ()).throw(next(asked)))
-    assert made(None, stepped.context, lambda: False) is stepped
+    assert made(None, stepped.context, lambda: False, None) is stepped
     assert state.not_live == [0]
     assert state.disturbed[1] == "day 1, try 2: 127.0.77.3: no new data for 124 ms"
     summary = Summary(state=state, received=SimpleNamespace(active_alerts=[]), torque={}, took_s=1.0)
