@@ -11,6 +11,7 @@ import json
 import os
 import runpy
 import socket
+import subprocess
 import sys
 import time
 import types
@@ -77,6 +78,20 @@ def put(streams: list[int], numbers: list[int]) -> None:
         os.close(stream)
 
 
+def let_streams_go_first() -> None:
+    """What a daemon of this process starts to stream targets gets the priority that it has where a test starts it."""
+    from monitor.acquire import child
+
+    def start(command: list[str], **how: Any) -> "subprocess.Popen[bytes]":
+        process = subprocess.Popen(command, **how)
+        if command[2] in PRIORITIES:
+            with suppress(OSError):  # where the system permits none
+                os.sched_setscheduler(process.pid, os.SCHED_RR, os.sched_param(PRIORITIES[command[2]]))
+        return process
+
+    child.subprocess = types.SimpleNamespace(**{**vars(subprocess), "Popen": start})  # type: ignore[assignment]
+
+
 def become(request: dict[str, Any]) -> None:
     """Do in this process what `python` does with these arguments. Its standard streams are there: they read and write the same numbers."""
     what, *rest = request["arguments"]
@@ -85,6 +100,8 @@ def become(request: dict[str, Any]) -> None:
     if what == "-m" and rest[0] in PRIORITIES and request["real_time"]:
         with suppress(OSError):  # where the system permits none
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(PRIORITIES[rest[0]]))
+    elif request["real_time"]:
+        let_streams_go_first()
     if request["niceness"] > os.nice(0):
         os.nice(request["niceness"] - os.nice(0))
     if request["session"]:

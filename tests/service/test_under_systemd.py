@@ -158,7 +158,8 @@ def test_the_plant_and_its_gateway_run_as_shipped_beside_the_arm(machine: Machin
         assert [path for path in changed if not path.startswith(("/var/lib/joint-monitor", "/run/credentials/"))] == []
     finally:
         machine.run("systemctl", "stop", *BESIDE, timeout=200)
-    assert [machine.unit(name, "Result")["Result"] for name in BESIDE] == ["success", "success"]
+    results = [machine.unit(name, "Result")["Result"] for name in BESIDE]
+    assert results == ["success", "success"], [machine.journal("-u", name)[-2000:] for name in BESIDE]
 
 
 def test_it_writes_nothing_outside_its_own_directories(machine: Machine):
