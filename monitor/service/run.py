@@ -266,7 +266,7 @@ def _watch(daemon: Daemon, configuration: Configuration, workers: Workers, hangu
     rate_hz = max(configuration.robot.listen_hz, configuration.bus.live_rate_hz)
     if configuration.production.listen:
         rate_hz = max(rate_hz, configuration.production.rate_hz)
-    listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=rate_hz))
+    listener = Listener(ListenSettings(host=configuration.robot.host, rate_hz=rate_hz), configuration.driver)
     listener.start()
     stack.callback(listener.stop)
     notify("READY=1")

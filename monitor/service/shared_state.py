@@ -80,7 +80,7 @@ class SharedState:
         requests: ReplayRequests | None = None,
         compute: Compute = HERE,
     ) -> None:
-        """Now : UTC, seconds since 1970. requests : None where no scheduler serves them. compute : how what is heavy is computed."""
+        """`now`: UTC, seconds since 1970. requests : None where no scheduler serves them. compute : how what is heavy is computed."""
         self.configuration, self.store, self.now, self.requests, self.compute = configuration, store, now, requests, compute
         self.robot = configuration.robot_description  # a change of it needs a restart
         self.estimator = EstimatorState()  # the torque model in it is that of the last replay, also where belief or health changed since

@@ -60,7 +60,7 @@ def judge(
 
     health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
     declarations by; drift : for the published figure of wear, which alerts do not depend on;
-    works : maintenance of joints that this replay declares first, or judges.
+    maintenance : of joints, that this replay declares first, or judges.
     """
     at, J = belief.at_unix_s, belief.joints
     before = health or Health(joints=(), since_unix_s=at)

@@ -25,7 +25,7 @@ AT_ONCE, AT_ONCE_DAYS = 0.05, 10.0  # [log], [d] a fall of so much in so few day
 def count_from_lowest(state: FilterState, days: Array, settings: DriftSettings, awaiting_proof: np.ndarray | None = None) -> FilterState:
     """The state after a replay, with wear counted from the lowest level held. days : (N,) since the replay before.
 
-    worked : (N,) joints that were worked on: a fall of theirs is not known to be held before the work is judged; None: no joint.
+    awaiting_proof : (N,) joints with maintenance that is not judged yet: a fall of theirs is not known to be held; None: no joint.
     """
     reference = replace(state.counted_from, held_days=state.counted_from.held_days + days)
     state = replace(state, counted_from=reference)
