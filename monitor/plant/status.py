@@ -56,13 +56,11 @@ def plant_status(database: Database, now_unix_s: float | None = None) -> PlantSt
     return PlantStatus(stopped, dict(said.get("ways", {})), int(said.get("copying", 0)), worst_first(arms, now), now)
 
 
-def heard_arms(connection: sa.Connection, numbers: Collection[int] | None = None) -> list[HeardArm]:
-    """Arms with their documents, without their friction. numbers : of these arms; None: of all."""
+def heard_arms(connection: sa.Connection, numbers: Collection[int] | None = None, *, keys: Collection[str] = DOCUMENTS) -> list[HeardArm]:
+    """Arms with the documents of these keys, without their friction. numbers : of these arms; None: of all."""
     present = (history.c.arm == arm.c.id) & (history.c.number == arm.c.history)
     rows = connection.execute(sa.select(arm, history.c.history_id).outerjoin(history, present)).all()
-    wanted = sa.select(last_value.c.arm, last_value.c.key, last_value.c.heard_at, last_value.c.document).where(
-        last_value.c.key.in_(DOCUMENTS)
-    )
+    wanted = sa.select(last_value.c.arm, last_value.c.key, last_value.c.heard_at, last_value.c.document).where(last_value.c.key.in_(keys))
     if numbers is not None:
         wanted = wanted.where(last_value.c.arm.in_(list(numbers)))
     said: dict[int, dict[str, Any]] = {}

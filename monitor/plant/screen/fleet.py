@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import orjson
 import sqlalchemy as sa
@@ -19,7 +19,7 @@ from monitor.plant.tables import friction
 from monitor.publish.documents import Alert
 from monitor.publish.shown import alert_pill, person
 from monitor.publish.timestamps import rfc3339
-from monitor.views.language.catalogue import ENGLISH, LANGUAGES, Language, language
+from monitor.views.language.catalogue import ENGLISH, Language, language
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +30,22 @@ ALERT_FIELDS = ("joint", "condition", "tier", "raised_at", "acknowledged_at", "a
 PEER_FIGURES = ("wear", "wear_std", "wear_rate_per_day", "reference_torque_nm")
 
 
+class _List(NamedTuple):
+    """What was read at one moment."""
+
+    status: PlantStatus | None  # None: nothing was read yet
+    tickets: Mapping[tuple[str, int | None, str], Ticket]
+    encoded: dict[str, tuple[bytes, bytes]]  # by language, plain and compressed; of those languages that somebody has asked for
+
+    def encoded_in(self, code: str) -> tuple[bytes, bytes]:
+        """The list in a language."""
+        if code not in self.encoded:
+            assert self.status is not None
+            plain = orjson.dumps(listed(self.status, self.tickets, language(code)))
+            self.encoded[code] = plain, gzip.compress(plain, 1)
+        return self.encoded[code]
+
+
 class Fleet:
     """The list of all arms. Who asks gets what was read last, and has it read anew. Several threads may use it."""
 
@@ -37,7 +53,7 @@ class Fleet:
         self._database = database
         self._reading = threading.Lock()
         self._read_at = -OLD_S
-        self._encoded: dict[str, tuple[bytes, bytes]] = {}  # by language, plain and compressed
+        self._newest = _List(None, {}, {})
 
     def document(self, code: str, *, packed: bool = False) -> bytes:
         """The list as JSON in a language, at most half a minute old. Raises StoreError where the database does not answer.
@@ -51,7 +67,7 @@ class Fleet:
                     self._keep()
         elif age_s >= FRESH_S and self._reading.acquire(blocking=False):
             threading.Thread(target=self._read_in_background, name="fleet", daemon=True).start()
-        return self._encoded[code][packed]
+        return self._newest.encoded_in(code)[packed]
 
     def _read_in_background(self) -> None:
         try:
@@ -64,9 +80,10 @@ class Fleet:
     def _keep(self) -> None:
         status = plant_status(self._database)
         tickets = {(each.robot, each.joint, each.condition): each for each in open_tickets(self._database)}
-        encoded = {code: orjson.dumps(listed(status, tickets, language(code))) for code in LANGUAGES}
-        self._encoded = {code: (plain, gzip.compress(plain, 1)) for code, plain in encoded.items()}
-        self._read_at = time.monotonic()
+        newest = _List(status, tickets, {})
+        for code in self._newest.encoded:  # whoever asks in these languages need not wait for it
+            newest.encoded_in(code)
+        self._newest, self._read_at = newest, time.monotonic()
 
     def peers(self, site: str, robot: str, joint: int) -> dict[str, Any]:
         """The last figures of this joint and of the same joint of every arm of its model.
@@ -74,7 +91,7 @@ class Fleet:
         Raises StoreError, and KeyError for an unknown arm.
         """
         with self._database.read() as connection:
-            arms = {each.name: each for each in heard_arms(connection)}
+            arms = {each.name: each for each in heard_arms(connection, keys=("info",))}
             model = arms[ArmName(site, robot)].model
             found = []
             for name, each in arms.items():
