@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from monitor.errors import BadInput
 from monitor.plant.tables import FIGURES, LIFE_FIGURES
-from monitor.publish.documents import Alert, Health, HistoryRow, Info, JointState, Monitor, RemainingLife, read, worded
+from monitor.publish.documents import Alert, Health, HistoryRow, Info, JointState, LastReplay, Monitor, RemainingLife, read, worded
 from monitor.publish.session import ROOT
 from monitor.publish.shown import Grade, Shown, arm_shown, joint_shown, waiting
 from monitor.publish.timestamps import utc
@@ -125,6 +125,16 @@ class HeardArm:
         return self.info.version if self.info is not None else None
 
     @property
+    def stale(self) -> bool:
+        """Whether nothing was learnt of it for too long, as it says."""
+        return self.health is not None and self.health.stale
+
+    @property
+    def last_replay(self) -> LastReplay | None:
+        """Its newest window, as its monitor says."""
+        return None if self.monitor is None else self.monitor.last_replay
+
+    @property
     def troubles(self) -> tuple[str, ...]:
         """Of its monitor, by name."""
         return tuple(each.name for each in self.monitor.troubles) if self.monitor is not None else ()
@@ -169,7 +179,7 @@ def worst_first(arms: Sequence[HeardArm], now_unix_s: float) -> list[HeardArm]:
     """By grade, then by state, then the one with more alerts that wait for a person, then by name."""
 
     def rank(arm: HeardArm) -> tuple[int, int, int, ArmName]:
-        return arm.grade.order, arm.shown.rank[1], -len(waiting(arm.alerts, now_unix_s)), arm.name
+        return arm.grade.order, arm.shown.order, -len(waiting(arm.alerts, now_unix_s)), arm.name
 
     return sorted(arms, key=rank)
 

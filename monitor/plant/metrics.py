@@ -20,7 +20,7 @@ from monitor.plant.database import Database
 from monitor.plant.status import PlantStatus, plant_status
 from monitor.plant.tables import arm, last_value
 from monitor.publish.documents import Inspection, InspectionItem, read
-from monitor.publish.shown import Grade
+from monitor.publish.shown import Grade, unacknowledged
 
 log = logging.getLogger(__name__)
 
@@ -82,18 +82,18 @@ def _arms(rows: list[Row]) -> Iterator[Metric]:
         (
             "joint_monitor_plant_arm_grade",
             "How the arm is: 0 sick, 1 unseen, 2 doubtful, 3 well",
-            lambda each: float(list(Grade).index(each.grade)),
+            lambda each: float(each.grade.order),
         ),
         ("joint_monitor_plant_arm_silent", "1 while nobody hears the arm's monitor", lambda each: float(each.silent is not None)),
         (
             "joint_monitor_plant_arm_stale",
             "1 while nothing was learnt of the arm for too long",
-            lambda each: float(each.health is not None and each.health.stale),
+            lambda each: float(each.stale),
         ),
         ("joint_monitor_plant_arm_not_copied", "1 while the arm's history cannot be copied", lambda each: float(each.problem is not None)),
         ("joint_monitor_plant_arm_troubles", "Problems of the arm's own monitor", lambda each: float(len(each.troubles))),
         ("joint_monitor_plant_alerts_active", "Active alerts of the arm", lambda each: float(len(each.alerts))),
-        ("joint_monitor_plant_alerts_unacknowledged", "Of these, nobody has seen", _unacknowledged),
+        ("joint_monitor_plant_alerts_unacknowledged", "Of these, nobody has seen", lambda each: float(len(unacknowledged(each.alerts)))),
         ("joint_monitor_plant_last_replay_timestamp_seconds", "The arm's newest window", _last_replay),
     )
     for name, text, figure in figures:
@@ -133,14 +133,5 @@ def _items(document: Any) -> list[InspectionItem]:
         return []
 
 
-def _stale(each: HeardArm) -> float:
-    return float(each.health is not None and each.health.stale)
-
-
-def _unacknowledged(each: HeardArm) -> float:
-    return float(sum(alert.acknowledged_at is None for alert in each.alerts))
-
-
 def _last_replay(each: HeardArm) -> float | None:
-    last = None if each.monitor is None else each.monitor.last_replay
-    return None if last is None else last.window.timestamp()
+    return None if each.last_replay is None else each.last_replay.window.timestamp()

@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from collections.abc import Collection, Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 
 import sqlalchemy as sa
@@ -17,7 +16,7 @@ from monitor.plant.ingest import RUNNING
 from monitor.plant.tables import arm, delivery, history, last_value, note
 from monitor.publish.documents import worded_json
 from monitor.publish.shown import Age, Grade, waiting
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import rfc3339, written_if
 from monitor.reason import Reason, Sentence
 from monitor.views.alert_sentence import deciding
 from monitor.views.language.catalogue import ENGLISH, Language
@@ -114,8 +113,7 @@ def as_document(status: PlantStatus) -> dict[str, Any]:
 
 def arm_document(arm: HeardArm, now_unix_s: float, say: Language = ENGLISH) -> dict[str, Any]:
     """One arm, for programs and for the screen: sentences in a language."""
-    shown, health, monitor = arm.shown, arm.health, arm.monitor
-    last = None if monitor is None or monitor.last_replay is None else monitor.last_replay.window
+    shown = arm.shown
     return {
         "site": arm.name.site,
         "robot": arm.name.robot,
@@ -125,8 +123,8 @@ def arm_document(arm: HeardArm, now_unix_s: float, say: Language = ENGLISH) -> d
         "pill": shown.pill.value,
         "age": shown.age.value,
         "why": deciding(shown, now_unix_s, say),
-        "since": _at(None if health is None else health.since),
-        "stale": health is not None and health.stale,
+        "since": written_if(None if arm.health is None else arm.health.since),
+        "stale": arm.stale,
         "silent_since": None if arm.silent is None else rfc3339(arm.silent.since_unix_s or 0.0),
         "silent_why": None if arm.silent is None else say.say(arm.silent.why),
         "problem": None if arm.problem is None else say.say(arm.problem),
@@ -134,15 +132,11 @@ def arm_document(arm: HeardArm, now_unix_s: float, say: Language = ENGLISH) -> d
         "waiting": len(waiting(arm.alerts, now_unix_s)),
         "troubles": list(arm.troubles),
         "clock_ahead_s": arm.clock_ahead_s,
-        "last_replay": _at(last),
+        "last_replay": written_if(None if arm.last_replay is None else arm.last_replay.window),
         "version": arm.version,
         "histories": arm.histories,
         "same_history": list(arm.same_history),
     }
-
-
-def _at(at: datetime | None) -> str | None:
-    return None if at is None else rfc3339(at.timestamp())
 
 
 def as_lines(status: PlantStatus, most: int | None = None) -> list[str]:
@@ -167,7 +161,7 @@ def _about(each: HeardArm, now_unix_s: float) -> str:
     parts, shown, waits = [], each.shown, waiting(each.alerts, now_unix_s)
     if each.silent is not None:
         parts.append(f"SILENT since {rfc3339(each.silent.since_unix_s or 0.0)}: {each.silent.why.text}")
-    if each.health is not None and each.health.stale:
+    if each.stale:
         parts.append("STALE: nothing was learnt of it for a long time")
     if each.problem:
         parts.append(f"NOT COPIED: {_line(each.problem.text, MOST_OF_A_SENTENCE)}")

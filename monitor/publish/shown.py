@@ -104,9 +104,9 @@ class Shown:
         return Grade.WELL if self.state == NORMAL else Grade.DOUBTFUL
 
     @property
-    def rank(self) -> tuple[int, int]:
-        """By which arms are sorted: their grade, then the graver state; one that is not known comes last."""
-        return self.grade.order, -gravity(self.state) if self.state else 1
+    def order(self) -> int:
+        """Among arms of one grade: the graver state first, one that is not known last."""
+        return -gravity(self.state) if self.state else 1
 
 
 def gravity(state: State | None) -> int:

@@ -28,6 +28,16 @@ def utc_if(unix_s: float | None) -> datetime | None:
     return None if unix_s is None else utc(unix_s)
 
 
+def written(at: datetime) -> str:
+    """The time of a document as RFC 3339 to the second."""
+    return rfc3339(at.timestamp())
+
+
+def written_if(at: datetime | None) -> str | None:
+    """The same; None where there is none."""
+    return None if at is None else written(at)
+
+
 def unix_s(text: str) -> float:
     """Seconds since 1970 of a day or a time in ISO 8601; UTC where no offset is given. Raises ValueError."""
     at = datetime.fromisoformat(text)

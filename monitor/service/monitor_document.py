@@ -27,7 +27,7 @@ from monitor.publish.documents import (
     encoded,
     worded,
 )
-from monitor.publish.timestamps import rfc3339, utc, utc_if
+from monitor.publish.timestamps import utc, utc_if, written
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S
 from monitor.service.problems import Problems
@@ -159,9 +159,9 @@ def not_watched(document: Monitor | None, now_unix_s: float) -> Reason | None:
     """Why nobody watches the arm now, from the document that was written last; None where the monitor runs."""
     if document is None:
         return NEVER_RUN(file=FILE)
-    at = rfc3339(document.said_at.timestamp())
+    at = written(document.said_at)
     if document.stopped_at is not None:
-        return STOPPED_AT(at=rfc3339(document.stopped_at.timestamp()))
+        return STOPPED_AT(at=written(document.stopped_at))
     silent = silent_s(document, now_unix_s)
     if silent is None:
         return KILLED(at=at) if _has_ended(document.process) else None
@@ -201,12 +201,12 @@ def status_line(health: str | None, document: Monitor) -> str:
     parts = [
         health or "no replay assessed yet",
         f"last replay {last.replay} {last.state}" if last else "no replay yet",
-        *([f"due since {rfc3339(waits.since.timestamp())}, {waits.text}"] if waits else []),
-        f"next {rfc3339(due.timestamp())}" if due else "none scheduled",
+        *([f"due since {written(waits.since)}, {waits.text}"] if waits else []),
+        f"next {written(due)}" if due else "none scheduled",
         "arm heard" if document.arm.heard else "arm not heard",
     ]
     if (reload := document.reload) and not reload.done:
-        parts.insert(0, f"RELOAD REFUSED at {rfc3339(reload.at.timestamp())}, the old configuration is in force: {reload.text}")
+        parts.insert(0, f"RELOAD REFUSED at {written(reload.at)}, the old configuration is in force: {reload.text}")
     parts += [f"{trouble.name}: {trouble.text}" for trouble in document.troubles if trouble.name != "arm"]
     return "; ".join(parts).replace("\n", " ")[:500]
 

@@ -4,7 +4,6 @@ A level of a topic may be any text without `/`, `+`, `#` and NUL; a name in Home
 """
 
 from collections.abc import Mapping
-from datetime import datetime
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
 
@@ -15,7 +14,7 @@ from monitor.judge.alerts.health import STATES
 from monitor.plant.arm import MANUFACTURER, HeardArm, HeardJoint, Silence
 from monitor.publish.documents import as_json
 from monitor.publish.shown import unacknowledged
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import rfc3339, written_if
 
 GATEWAY = "availability"  # below the root: whether the gateway is connected
 ONLINE, OFFLINE = "online", "offline"  # Home Assistant's defaults
@@ -109,20 +108,20 @@ def messages(arm: HeardArm, topics: ArmTopics, now_unix_s: float) -> dict[str, b
 
 
 def _arm(arm: HeardArm, silence: Silence | None) -> dict[str, Any]:
-    health, monitor = arm.health, arm.monitor
+    health, shown, last = arm.health, arm.shown, arm.last_replay
     return {
         "site": arm.name.site,
         "robot": arm.name.robot,
         "model": arm.model,
         "serial": arm.serial,
-        "state": arm.shown.state,
-        "why": arm.shown.said.text,
-        "since": _time(None if health is None else health.since),
-        "stale": health is not None and health.stale,
+        "state": shown.state,
+        "why": shown.said.text,
+        "since": written_if(None if health is None else health.since),
+        "stale": arm.stale,
         "alerts": len(arm.alerts),
         "unacknowledged": len(unacknowledged(arm.alerts)),
-        "last_replay": _time(None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at),
-        "next_replay": _time(None if health is None else health.next_replay_due),
+        "last_replay": written_if(None if last is None else last.ended_at),
+        "next_replay": written_if(None if health is None else health.next_replay_due),
         "troubles": list(arm.troubles),
         "silent_since": None if silence is None or silence.since_unix_s is None else rfc3339(silence.since_unix_s),
         "silent_why": None if silence is None else silence.why.text,
@@ -137,10 +136,10 @@ def _joint(joint: HeardJoint) -> dict[str, Any]:
         "joint": joint.joint,
         "state": joint.shown.state,
         "why": joint.shown.said.text,
-        "since": _time(None if said is None else said.since),
+        "since": written_if(None if said is None else said.since),
         "stale": said is not None and said.stale,
-        "learnt_at": _time(None if said is None else said.learnt_at),
-        "measured_at": _time(None if of is None else of.recorded_at),
+        "learnt_at": written_if(None if said is None else said.learnt_at),
+        "measured_at": written_if(None if of is None else of.recorded_at),
         "wear_percent": _rounded(None if of is None else 100.0 * of.wear, 3),
         "wear_std_percent": _rounded(None if of is None else 100.0 * of.wear_std, 3),
         "temperature_c": _rounded(None if of is None else of.temperature_c, 2),
@@ -156,10 +155,6 @@ def _joint(joint: HeardJoint) -> dict[str, Any]:
 
 def _json(document: Mapping[str, Any]) -> bytes:
     return orjson.dumps(document)
-
-
-def _time(at: datetime | None) -> str | None:
-    return None if at is None else rfc3339(at.timestamp())
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

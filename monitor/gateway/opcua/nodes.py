@@ -295,20 +295,19 @@ class Reading(NamedTuple):
 def readings(arm: HeardArm, now_unix_s: float, bad_after_s: float) -> dict[str, Reading]:
     """By the id of the variable; those that never change are not in it."""
     device, controller = device_id(*arm.name), controller_id(*arm.name)
-    silence, health, monitor = arm.silence(now_unix_s), arm.health, arm.monitor
+    silence, health, shown = arm.silence(now_unix_s), arm.health, arm.shown
     quality = GOOD
     if silence is not None:
         quality = LOST if silence.since_unix_s is None or now_unix_s - silence.since_unix_s > bad_after_s else SILENT
-    own = OLD if quality == GOOD and arm.shown.age is not Age.NOW else quality
+    own = OLD if quality == GOOD and shown.age is not Age.NOW else quality
     at = None if health is None else health.said_at.timestamp()
-    last = None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at
     values = f"{device}/ParameterSet"
     found = {
-        f"{device}/DeviceHealth": _reading(None if arm.shown.state is None else NE107[arm.shown.state], own, at),
-        f"{values}/StateText": _reading(arm.shown.said.text if silence is None else silence.why.text, GOOD if silence else own, at),
+        f"{device}/DeviceHealth": _reading(None if shown.state is None else NE107[shown.state], own, at),
+        f"{values}/StateText": _reading(shown.said.text if silence is None else silence.why.text, GOOD if silence else own, at),
         f"{values}/ActiveAlerts": _reading(None if at is None else len(arm.alerts), quality, at),
         f"{values}/UnacknowledgedAlerts": _reading(None if at is None else len(unacknowledged(arm.alerts)), quality, at),
-        f"{values}/LastReplay": _reading(_unix_s(last), quality, at),
+        f"{values}/LastReplay": _reading(_unix_s(None if arm.last_replay is None else arm.last_replay.ended_at), quality, at),
         f"{values}/NextReplay": _reading(_unix_s(None if health is None else health.next_replay_due), quality, at),
     }
     # what the arm is does not age

@@ -11,7 +11,7 @@ from zenoh.ext import Int64, z_serialize
 
 from monitor.plant.arm import HeardArm, HeardJoint, Silence
 from monitor.publish.shown import Age, Shown, unacknowledged
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import written
 from monitor.reason import joint_text
 
 MESSAGE = "diagnostic_msgs/msg/DiagnosticArray"
@@ -33,25 +33,22 @@ class Status(NamedTuple):
 
 def statuses(arm: HeardArm, now_unix_s: float) -> list[Status]:
     """The arm, then each of its joints. What is not heard, or too old, is STALE, whatever it was then."""
-    hardware, health, monitor = arm.serial or str(arm.name), arm.health, arm.monitor
+    hardware, health, shown = arm.serial or str(arm.name), arm.health, arm.shown
     silence = arm.silence(now_unix_s)
-    message = _state(arm.shown)
+    message = _state(shown)
     if silence is not None:
         message = f"not heard: {silence.why.text}; then: {message}"
-    elif arm.shown.age is not Age.NOW:
+    elif shown.age is not Age.NOW:
         message = f"nothing was learnt of it for too long; then: {message}"
-    last = None if monitor is None or monitor.last_replay is None else monitor.last_replay.ended_at
     values = [
-        *_values(
-            state=arm.shown.state, model=arm.model, firmware=arm.firmware, monitor_version=arm.version, troubles=", ".join(arm.troubles)
-        ),
+        *_values(state=shown.state, model=arm.model, firmware=arm.firmware, monitor_version=arm.version, troubles=", ".join(arm.troubles)),
         ("active_alerts", str(len(arm.alerts))),
         ("unacknowledged_alerts", str(len(unacknowledged(arm.alerts)))),
-        *_times(last_replay=last),
+        *_times(last_replay=None if arm.last_replay is None else arm.last_replay.ended_at),
     ]
     if health is not None:
         values += _times(since=health.since, said_at=health.said_at, next_replay=health.next_replay_due)
-    found = [Status(_level(arm.shown, silence), f"{NAME}: {arm.name}", message, hardware, values)]
+    found = [Status(_level(shown, silence), f"{NAME}: {arm.name}", message, hardware, values)]
     return found + [_joint(each, arm, hardware, silence) for each in arm.joints]
 
 
@@ -95,7 +92,7 @@ def _values(**values: str | None) -> list[tuple[str, str]]:
 
 
 def _times(**times: datetime | None) -> list[tuple[str, str]]:
-    return [(key, rfc3339(at.timestamp())) for key, at in times.items() if at is not None]
+    return [(key, written(at)) for key, at in times.items() if at is not None]
 
 
 @cache

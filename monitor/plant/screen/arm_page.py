@@ -22,7 +22,7 @@ from monitor.plant.tables import FIGURES, arm, friction, last_value, transition
 from monitor.publish.documents import Content, Info, LastReplay, Monitor
 from monitor.publish.documents import encoded as as_bytes
 from monitor.publish.registry import Delivery, published_at
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import rfc3339, written, written_if
 from monitor.reason import with_reasons
 from monitor.views.history import mark_text
 from monitor.views.web.page_content import EVENTS, MAX_REPLAYS, NEWEST_REPLAYS, SERIES, BusAccess, about_arm, columns, thinned
@@ -162,7 +162,7 @@ class ArmContent:
         """The next replay, the last windows as far as they are copied, and the last transitions of alerts, newest first."""
         at = self._row()
         monitor = self._said(Monitor, "monitor")
-        due = None if monitor is None or monitor.next_replay_due is None else rfc3339(monitor.next_replay_due.timestamp())
+        due = None if monitor is None else written_if(monitor.next_replay_due)
         coming = [{"opens": due, "closes": due, "why": monitor.next_replay_why or ""}] if monitor is not None and due else []
         with self._database.read() as connection:
             newest = sa.select(transition).where(transition.c.arm == at.number, transition.c.history == at.history)
@@ -190,7 +190,7 @@ class ArmContent:
         said = self._said(Monitor, "monitor")
         return {
             "version": "?" if said is None else said.version,
-            "now": None if said is None else rfc3339(said.said_at.timestamp()),
+            "now": None if said is None else written(said.said_at),
             "up_s": 0.0 if said is None else said.uptime_s,
             "resident_mb": None if said is None else _scaled(said.process.resident_bytes, 1e6),
             "disk_free_gb": None if said is None else _scaled(said.store.free_bytes, 1e9),
@@ -280,7 +280,7 @@ def _windows(assessed: Sequence[Assessed], last: LastReplay | None) -> list[dict
     nothing: dict[str, Any] = {"kind": "scheduled", "tries": [], "borrowed": None}
     found: list[dict[str, Any]] = []
     if last is not None and last.state != "assessed":
-        at = rfc3339(last.window.timestamp())
+        at = written(last.window)
         window = {"replay": last.replay, "window": at, "from": at, "count": 1, "state": last.state}
         found.append({**with_reasons(window, reason=last.says("reason")), **nothing})
     if assessed:
