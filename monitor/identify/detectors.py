@@ -20,6 +20,7 @@ from monitor.identify import diagnosis as fit
 from monitor.identify.diagnosis import Fitted
 from monitor.identify.gain_check import GAIN_DOUBTFUL
 from monitor.identify.mounting import MOUNTING_CONTRADICTION
+from monitor.identify.signals.arm import same_rows
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.temperature import plausible_temperatures
 from monitor.identify.signals.units import DOUBTFUL, MOVING_RAD_S, Repaired, named
@@ -324,7 +325,7 @@ def validated_on_fitted(files: HeldOut) -> Iterator[Reason]:
     """A held-out recording that was fitted too."""
     for held in files.held_out:
         for one in files.fitted:
-            if held.samples == one.samples and np.array_equal(held.t_s, one.t_s) and np.array_equal(held.q, one.q):
+            if same_rows(held, one):
                 yield VALIDATED_ON_FITTED(source=held.source, fitted=one.source)
 
 

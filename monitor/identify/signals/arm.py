@@ -23,11 +23,16 @@ def refuse_other_arm(recording: Recording, robot: Robot) -> None:
         raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
 
 
+def same_rows(one: Recording, other: Recording) -> bool:
+    """Whether two recordings are one, by their times and positions."""
+    return one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q)
+
+
 def refuse_twice(recordings: Sequence[Recording]) -> None:
     """Raises BadInput where one recording is given twice: it would count as two independent measurements."""
     for number, one in enumerate(recordings):
         for other in recordings[:number]:
-            if one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q):
+            if same_rows(one, other):
                 raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
 
 

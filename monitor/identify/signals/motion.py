@@ -17,6 +17,7 @@ from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_row
 from monitor.identify.signals.temperature import temperatures_at
 from monitor.identify.signals.units import Repaired, in_si, named
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
+from monitor.reason import joints_by_number
 from monitor.recording import Array, Indices, Mask, Recording
 
 MOST_A = 200.0  # ten times what the drives of a UR can carry, five times those of arms for 300 kg
@@ -150,7 +151,7 @@ def _check_layout(recording: Recording) -> None:
             continue
         missing = np.flatnonzero(~np.any(np.isfinite(value), axis=0))
         if 0 < len(missing) < recording.joints:  # each row would count as torn
-            joints = f"joint{'s' if len(missing) > 1 else ''} {', '.join(str(j + 1) for j in missing)}"
+            joints = joints_by_number([int(j) + 1 for j in missing])
             raise Unidentifiable(f"{name}: {key} of {joints} holds no number in any row; expected every joint's")
 
 

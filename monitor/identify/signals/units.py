@@ -12,6 +12,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clock import restored_clock, running_on
+from monitor.reason import joints_by_number
 from monitor.recording import Array, Indices, Mask, Recording
 
 WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
@@ -245,7 +246,7 @@ def _checked_speeds(recording: Recording, seen: Windows | None) -> SpeedCheck | 
 def _likely_reason(recording: Recording, slope: Array, speed: Array, wrong: Mask) -> str:
     """The likeliest reason why the speeds of the joints that are `wrong` (J,) are not the change of their positions."""
     joints = [int(j) for j in np.flatnonzero(wrong)]
-    of = f"joint{'s' if len(joints) > 1 else ''} {', '.join(str(j + 1) for j in joints)}"
+    of = joints_by_number([j + 1 for j in joints])
     if recording.qd is not None:
         turned = _compared(recording.qd, recording.q, windows(recording.t_s, recording.qd, recording.q))
         if turned is not None and all(_mismatch(turned[0][:, j], turned[1][:, j]) < WRONG for j in joints):

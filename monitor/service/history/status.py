@@ -60,9 +60,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "said_at": rfc3339(now_unix_s),
         "robot": configuration.robot.id,
         "model_revision": state.revision if state else 0,
-        "health": None
-        if state is None
-        else as_json(health_document(health_from_document(state.health), now_unix_s, configuration.assess.health)),
+        "health": _health(state, now_unix_s, configuration),
         "early_alerts": [as_json(made(Alert, alert_document(alert))) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
         "maintenance": maintenance,

@@ -32,10 +32,14 @@ def lead(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:
     return [sentence for sentence in told if sentence]
 
 
+def alerts_of(report: Mapping[str, Any]) -> list[Alert]:
+    """The alerts of the period, the gravest first."""
+    return gravest_first(read(Alert, each) for each in report["alerts"])
+
+
 def alert_boxes(report: Mapping[str, Any], say: Language) -> list[str]:
     """A box for each alert of the period."""
-    found = gravest_first(read(Alert, each) for each in report["alerts"])
-    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in found]
+    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in alerts_of(report)]
 
 
 def _lines(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:

@@ -7,14 +7,13 @@ import numpy as np
 
 from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import IN_PERIOD, PERIODS_END, SINCE, stale_reason, unseen_steps
-from monitor.publish.documents import Alert, read
-from monitor.publish.shown import Age, gravest_first, shown_of
+from monitor.publish.shown import Age, shown_of
 from monitor.publish.timestamps import unix_s
 from monitor.reason import reason_from
 from monitor.views.alert_sentence import OF_ONE_JOINTS_FRICTION
 from monitor.views.history import PERCENT_PER_MONTH
 from monitor.views.language.catalogue import ENGLISH, Language, full_day, moment
-from monitor.views.report.alerts import alert_boxes, chip, lead, transitions
+from monitor.views.report.alerts import alert_boxes, alerts_of, chip, lead, transitions
 from monitor.views.report.charts import friction_over_temperature, friction_over_time, friction_over_time_caption
 from monitor.views.report.html import Column, Markup, bullets, drawn, escaped, heading, page, paragraph, table
 from monitor.views.report.sections import from_production, inspection, maintenance_table, unwatched
@@ -95,7 +94,7 @@ def _robot(report: Mapping[str, Any], say: Language, *, new_page: bool) -> list[
 
 def _verdict(report: Mapping[str, Any], say: Language) -> str:
     """The box at the top: the state of the arm at the end of the period, what decides, and what is too old to rely on."""
-    verdict, alerts = report["verdict"], gravest_first(read(Alert, each) for each in report["alerts"])
+    verdict, alerts = report["verdict"], alerts_of(report)
     active = [alert for alert in alerts if alert.active]
     state, why = (None, None) if verdict is None else (verdict["health"]["arm"], reason_from(verdict["why"]["arm"]))
     shown = shown_of(state, why, active, stale=bool(report["stale"]))
