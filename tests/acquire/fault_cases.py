@@ -167,9 +167,15 @@ class Outcome:
     disturbed: int = 0  # replays before this one that ended before any fault, because of the machine's other work
 
 
+RESTED_S = 0.3
+
+
 def restore(host: str) -> None:
-    """End every fault, unlock the protective stop and switch the power on, as a person would; returns once the arm is ready."""
-    deadline = time.monotonic() + 20.0
+    """End every fault, unlock the protective stop and switch the power on, as a person would; returns once the arm is ready.
+
+    It has to be so for RESTED_S: an arm that a spring has let go passes through standstill, and moves on.
+    """
+    deadline, ready_since = time.monotonic() + 20.0, None
     with Remote(host) as remote:
         remote.fault("clear")
         remote.fault("emergency_release")
@@ -178,7 +184,12 @@ def restore(host: str) -> None:
         with Remote(host) as remote:
             truth = remote.truth()
         if truth["robot_mode"] == 7 and truth["safety_mode"] == 1 and truth["standing"] and truth["program"] is None:
-            return
+            ready_since = ready_since or time.monotonic()
+            if time.monotonic() - ready_since >= RESTED_S:
+                return
+            time.sleep(0.05)
+            continue
+        ready_since = None
         if truth["safety_mode"] == 3:  # by a script, which the controller takes at once; the dashboard keeps a person waiting for 5 s
             with socket.create_connection((host, 30002), timeout=2.0) as wire:
                 wire.sendall(b"set unlock protective stop\n")
