@@ -131,7 +131,7 @@ class Session(Protocol):
 class Driver(Protocol):
     """One make of robots. Every method names the robot by its host, a literal IPv4 address."""
 
-    library: str  # what drives it, with its version: what was made for one is not taken for another
+    client_library: str  # what drives it, with its version: what was made for one is not taken for another
     no_data: str  # what to look for where the robot answers and sends no data, as a question
 
     def identity(self, host: str) -> Identity:

@@ -67,7 +67,7 @@ def number_of(text: str) -> str | None:
 
 def keep(directory: Path, node: NodeText, driver: Driver | None = None) -> None:
     """Keep the library's part beside the history, whole or not at all; where the disk refuses, the next start asks the controller again."""
-    library = (driver or usual_driver()).library
+    library = (driver or usual_driver()).client_library
     path = directory / FILE
     temporary = path.with_suffix(".tmp")
     with suppress(OSError):
@@ -80,7 +80,7 @@ def kept(directory: Path, driver: Driver | None = None) -> NodeText | None:
     try:
         document = json.loads((directory / FILE).read_text("utf-8"))
         driver = driver or usual_driver()
-        if document["library"] != driver.library:
+        if document["library"] != driver.client_library:
             return None
         return NodeText.of(document["software"], str(document["control"]), driver)
     except (OSError, ValueError, TypeError, KeyError, BadInput):

@@ -49,4 +49,4 @@ def test_each_make_is_one_line_and_has_a_driver():
     text = (PACKAGE / "acquire" / "driver.py").read_text("utf-8")
     for make, module in MAKES.items():
         assert text.count(module) == 1
-        assert driver_of(make).library
+        assert driver_of(make).client_library

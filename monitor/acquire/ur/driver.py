@@ -137,7 +137,7 @@ class UniversalRobots:
         self.robot_api_port = robot_api_port
 
     @property
-    def library(self) -> str:
+    def client_library(self) -> str:
         """ur-rtde's version."""
         return version("ur_rtde")
 
