@@ -1,4 +1,4 @@
-"""Writes the generated pages docs/configuration.md and docs/commands.md, and the tables of docs/alerts.md and docs/bus.md.
+"""Writes the generated pages docs/configuration.md and docs/commands.md, and the tables of docs/alerts.md, bus.md and real-robot-safety.md.
 
 `make docs` runs it. It describes the monitor of its own checkout, whichever one is installed.
 """
@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from monitor.acquire.ur.driver import SOFTWARE, Span
 from monitor.cli.main import every_command
 from monitor.config.load import load
 from monitor.judge.alerts.conditions import CONDITIONS
@@ -165,6 +166,21 @@ def bus_page() -> str:
     return _with_table(text, "| delivery | how it travels |", deliveries)
 
 
+def safety_page() -> str:
+    """docs/real-robot-safety.md with its table of the controller's software."""
+    head = "| software | moves | why these bounds | replayed on a simulated | the manufacturer's library, on its own | seen on an arm |"
+    rows = [
+        f"| {span.text} | {_moves(span)} | {_cell(span.reason)} "
+        f"| {', '.join(span.played) or '–'} | {span.library or '–'} | {_cell(span.seen) or 'nothing'} |\n"
+        for span in SOFTWARE
+    ]
+    return _with_table((DOCS / "real-robot-safety.md").read_text("utf-8"), head, rows)
+
+
+def _moves(span: Span) -> str:
+    return ("yes" if span.tested else "with `allow_untested_software`") if span.drives else "never"
+
+
 def _words(delivery: Delivery) -> str:
     return delivery.name.lower().replace("_", " ")
 
@@ -194,7 +210,13 @@ def _cell(text: str) -> str:
     return "`".join(part if code else re.sub(r"([*<\[\]])", r"\\\1", part) for code, part in zip(itertools.cycle((False, True)), parts))
 
 
-PAGES = {"configuration.md": configuration_page, "commands.md": commands_page, "alerts.md": alerts_page, "bus.md": bus_page}
+PAGES = {
+    "configuration.md": configuration_page,
+    "commands.md": commands_page,
+    "alerts.md": alerts_page,
+    "bus.md": bus_page,
+    "real-robot-safety.md": safety_page,
+}
 
 
 def main() -> None:

@@ -103,6 +103,8 @@ class ReplayTask:
     installation: Installation = field(default_factory=Installation)
     basis: BandBasis = field(default_factory=BandBasis)  # what was learnt for the torque band
     left: Left | None = None  # how the last motion left the arm; None: it brought it back
+    software: str | None = None  # of the controller, as it says
+    program: str | None = None  # what the driver sends in the place of its library's own program; None: that one
 
 
 class Session(Protocol):

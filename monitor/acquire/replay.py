@@ -144,6 +144,7 @@ def replay(
         installation=inputs.installation,
         basis=basis or BandBasis(),
         left=inputs.last.left,
+        software=identity.firmware,
     )
     gate = Gate(inputs, ask=caller.ask, announce=caller.announce)
     questions: tuple[Question, ...] = (permit_kept(gate.ask_again),) if gate.asks_over_zenoh else ()

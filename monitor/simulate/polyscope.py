@@ -1,5 +1,7 @@
-"""Versions of PolyScope, the software of a controller."""
+"""Versions of PolyScope, the software of a controller, and the names of URScript that came with them."""
 
+import re
+from functools import cache
 from typing import NamedTuple
 
 
@@ -28,3 +30,32 @@ def robot_api_of(version: Version) -> tuple[int, int, int] | None:
     """The version of the Robot API that PolyScope X of this version has; None where it has none."""
     since = [minor for minor in ROBOT_API if (X, minor) <= version[:2]]
     return ROBOT_API[max(since)] if since else None
+
+
+# The first versions that know a name of URScript, or `function.parameter`; a later generation knows it from its first version on, unless
+# it has its own. As published: the manufacturer's client library 2.14 and its maintainers, and the script manual 5.25.1 (`direct_torque`).
+# A name that is not here is one of every version.
+NAMES_SINCE: dict[str, tuple[tuple[int, ...], ...]] = {
+    "str_cat": ((3, 8),),
+    "ft_rtde_input_enable": ((3, 14, 1), (5, 9, 1)),
+    "set_target_payload": ((5, 10),),
+    "optimovej": ((5, 21), (10, 8)),
+    "optimovel": ((5, 21), (10, 8)),
+    "direct_torque": ((5, 23), (10, 10)),
+    "direct_torque.viscous_scale": ((5, 25, 1), (10, 12, 1)),
+    "direct_torque.coulomb_scale": ((5, 25, 1), (10, 12, 1)),
+}
+
+
+@cache
+def unknown_names(version: Version) -> re.Pattern[str] | None:
+    """What finds a call with a name that this version does not know, with that name as its last group; None where it knows all of them."""
+    unknown = [name.split(".") for name, since in NAMES_SINCE.items() if not _knows(version, since)]
+    calls = [rf"\b({function})\s*\(" for function, *parameter in unknown if not parameter]
+    calls += [rf"\b{function}\s*\([^\n#]*\b({parameter[0]})\s*=(?!=)" for function, *parameter in unknown if parameter]
+    return re.compile("|".join(calls)) if calls else None
+
+
+def _knows(version: Version, since: tuple[tuple[int, ...], ...]) -> bool:
+    first = [each for each in since if each[0] <= version.major]
+    return bool(first) and version >= first[-1]

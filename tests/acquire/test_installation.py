@@ -1,6 +1,7 @@
 """Conditions on the drives, the installation and the software: what must be known, and what is compared with the controller."""
 
 import itertools
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from monitor.acquire.safety.inputs import ConditionInputs, ConditionResult
 from monitor.acquire.safety.of_installation import angle_deg, offset_of, points, rotation
 from monitor.acquire.settings import Installation
 from monitor.acquire.state import Identity
-from monitor.acquire.ur.driver import SOFTWARE, understood
+from monitor.acquire.ur.driver import SOFTWARE, TESTED_LIBRARY, understood
 from monitor.config.load import load
 from monitor.errors import BadConfiguration, MotionRefused
 from monitor.model.energy import flange_speed
@@ -69,12 +70,15 @@ def test_a_torque_constant_of_the_motor_is_no_gain_of_the_joint(name):
         ("5.4.0", True, "tested"),
         ("5.11.0.108249", True, "tested"),
         ("5.23.0.1", True, "tested"),
+        ("5.26.0", True, "tested"),
+        ("10.12.0.5", True, "tested"),
+        ("10.14.2", True, "tested"),
         ("3.9.1", False, "protocol 2"),
         ("5.3.2", False, "crashes in its constructor"),
         ("10.8.0", False, "no program could be stopped"),
-        ("10.11.0", False, "allow_untested_software"),
-        ("10.12.0.5", False, "simulated controller only"),
-        ("5.24.0", False, "allow_untested_software"),
+        ("10.11.0", False, "does not tell whether it is in remote control"),
+        ("10.15.0", False, "allow_untested_software"),
+        ("5.27.0", False, "allow_untested_software"),
         ("3.16.0", False, "allow_untested_software"),
         (None, False, "not reported"),
         ("who knows", False, "allow_untested_software"),
@@ -95,6 +99,29 @@ def test_the_spans_of_versions_do_not_overlap_and_each_has_a_reason():
     for before, after in itertools.pairwise(SOFTWARE):
         assert before.first <= before.last < after.first <= after.last
     assert all(len(span.reason) > 20 for span in SOFTWARE)
+
+
+def test_what_moves_without_a_word_was_played_on_a_simulated_controller_first_and_last_version_too():
+    """A span that nobody played is not a tested one; nor is one of whose ends nothing is known."""
+    for span in SOFTWARE:
+        minors = [tuple(map(int, version.split(".")[:2])) for version in span.played]
+        assert all(span.first <= minor <= span.last for minor in minors)
+        assert not (span.drives and span.tested) or {span.first, span.last} <= set(minors)
+        assert span.drives or not span.played
+
+
+def test_the_release_of_the_client_library_is_named_beside_the_tested_one():
+    """The tested one is what constraints.txt pins; another one moves the arm, and `check` says that it is another."""
+    pinned = re.search(r"^ur_rtde==(.+)$", (Path(__file__).parents[2] / "constraints.txt").read_text("utf-8"), re.MULTILINE)
+    assert pinned is not None
+    assert pinned[1] == TESTED_LIBRARY
+    identity = understood(Identity("UR5", "2016331234", "3.15.8", True))
+    for installed, words in ((TESTED_LIBRARY, "as tested"), ("1.6.9", f"tested is ur-rtde {TESTED_LIBRARY}")):
+        known = identity._replace(software=identity.software._replace(library=f"ur-rtde {installed}"))
+        result = found("software", inputs(ready_state(), identity=known))
+        assert result.holds
+        assert f"driven by ur-rtde {installed}" in result.text
+        assert words in result.text
 
 
 def test_the_tool_and_the_payloads_centre_of_the_controller_are_compared_with_the_configured_ones():

@@ -57,15 +57,13 @@ def stands(remote):
 
 
 def test_a_replay_on_a_polyscope_x_is_played_while_its_robot_api_is_asked():
-    """Without permission for untested software nothing is sent; in local control and without an API nothing either; then it is played."""
+    """In local control and without an API nothing is sent; then it is played."""
     with simulated_arm("127.0.96.21", *OPTIONS, "--polyscope", "10.12.0") as host, Remote(host) as remote:
         found = {each.name: each for each in checked(host)}
         assert [name for name, each in found.items() if not each.holds] == []
         assert found["remote_control"].text == "on, in automatic mode"
         assert "software by RTDE, model by the primary port" in found["robot_model"].text
         assert not found["serial"].checked  # 10.12 does not tell it, and `check` says who is believed
-        with pytest.raises(MotionRefused, match=r"software: .*10\.12\.0.*allow_untested_software"):
-            played(host, allow_untested_software=False)
         remote.fault("manual_mode")
         with pytest.raises(MotionRefused, match=r"remote_control: .*manual mode"):
             played(host)

@@ -111,7 +111,7 @@ def test_a_control_program_that_fails_is_told_with_what_the_controller_says_agai
     assert (failure.value.cause, failure.value.ours) == ("no_control", False)
     arm = told(scripted, rows((STOPPED, int((START_S + 1.0) / TICK_S))))
     arm.control.upload = lambda: setattr(arm.taking.messages, "mistake", "line 7, column 3: syntax error") or True
-    with pytest.raises(StreamFailure, match="did not start within 5 s; the controller says: line 7, column 3: syntax error"):
+    with pytest.raises(StreamFailure, match=r"refused the control program of ur-rtde [\d.]+: line 7, column 3: syntax error"):
         start_program(arm)
 
 

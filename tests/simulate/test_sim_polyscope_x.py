@@ -12,7 +12,9 @@ import pytest
 from raw_rtde import RawRtde
 from sim_process import result_of
 
+from monitor.acquire.ur.node_script import control_script
 from monitor.acquire.ur.node_server import HandOverServer
+from monitor.acquire.ur.primary import ProgramMessages
 from monitor.errors import BadInput
 from monitor.simulate.settings import SimulateSettings
 
@@ -214,6 +216,23 @@ os._exit(0)
 
 
 @pytest.mark.parametrize("version", ["10.11.0", "10.12.0"])
+def test_a_version_that_does_not_know_a_name_in_ur_rtdes_script_refuses_it_whole(spawn, version):
+    """1.6.5 gives `direct_torque` a parameter that these have not, and takes them for versions that have it; 10.12.1 has it."""
+    arm = x_arm(spawn, version)
+    text = f"def rtde_control():\n{control_script(arm.address)}\nend\n".encode()
+    told = ProgramMessages.of(arm.address)
+    with socket.create_connection((arm.address, 30003)) as script:
+        script.sendall(text)
+        until = time.monotonic() + 10.0
+        started = told.started()
+        while not told.mistake and time.monotonic() < until:
+            time.sleep(0.02)
+            started += told.started()
+    assert "compile_error_name_not_found:viscous_scale:" in told.mistake
+    assert started == []
+
+
+@pytest.mark.parametrize("version", ["10.12.1", "10.14.0"])
 def test_unmodified_ur_rtde_uploads_its_script_and_moves_the_arm(spawn, client, version):
     """It asks a PolyScope X for no dashboard, and for more registers."""
     arm = x_arm(spawn, version)

@@ -2,11 +2,13 @@
 
 import itertools
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from sim_pendant import CONTROL
 
 from monitor.simulate.machine.moves import Move, StopMotion
+from monitor.simulate.polyscope import Version
 from monitor.simulate.program.interpreter import run
 from monitor.simulate.program.language import Source
 from monitor.simulate.program.scripts import SCRIPT_MAX_BYTES, ControlScript, Framer, Immediate, Refused, parse
@@ -35,6 +37,43 @@ def test_the_control_script_is_recognised_with_its_offsets():
     assert parse(CONTROL.rstrip()) == ControlScript(0, 0)
     assert parse(CONTROL.replace("offset\n0", "offset\n24")) == ControlScript(24, 24)
     assert isinstance(parse(CONTROL.replace("offset\n0", "offset\n7")), Refused)
+
+
+TORQUE = "direct_torque([0,0,0,0,0,0], viscous_scale=[0,0,0,0,0,0])"
+
+
+@pytest.mark.parametrize(
+    ("call", "unknown", "before", "since"),
+    [
+        ("direct_torque([0,0,0,0,0,0])", "direct_torque", (3, 5, 22), (5, 23, 0)),
+        ("direct_torque([0,0,0,0,0,0])", "direct_torque", (3, 15, 8), (10, 11, 0)),
+        (TORQUE, "viscous_scale", (5, 25, 0), (5, 25, 1)),
+        (TORQUE, "viscous_scale", (10, 11, 0), (10, 12, 1)),
+        (TORQUE, "viscous_scale", (10, 12, 0), (10, 13, 0)),
+        ("ft_rtde_input_enable(False, 0, [0,0,0], [0,0,0])", "ft_rtde_input_enable", (5, 9, 0), (5, 9, 1)),
+        ("ft_rtde_input_enable(False, 0, [0,0,0], [0,0,0])", "ft_rtde_input_enable", (3, 14, 0), (3, 14, 1)),
+        ("set_target_payload(0, [0,0,0], [0,0,0,0,0,0])", "set_target_payload", (3, 15, 8), (5, 10, 0)),
+        ("optimovej([0,0,0,0,0,0])", "optimovej", (5, 20, 0), (10, 12, 0)),
+        ('textmsg(str_cat("a", "b"))', "str_cat", (3, 7, 9), (3, 8, 0)),
+    ],
+)
+def test_a_name_that_a_version_does_not_know_refuses_the_whole_program(call, unknown, before, since):
+    """Where it stands in a branch that is never taken, and in ur-rtde's own program. One of the program's own, or in a comment, is none."""
+    before, since = Version(*before, *(0,) * (4 - len(before))), Version(*since, 0)
+    for text in (
+        f"def mine():\n  x = 1\n  if x == 2:\n    {call}\n  end\nend",
+        CONTROL.replace("        # inject", f"        {call}\n# inject"),
+    ):
+        line = 1 + text[: text.index(call)].count("\n")
+        refused = parse(text, version=before)
+        assert isinstance(refused, Refused), text
+        assert refused.report == f"compile_error_name_not_found:{unknown}:"
+        assert (refused.line, text.split("\n")[line - 1][refused.column - 1 :].startswith(unknown)) == (line, True)
+        assert not isinstance(parse(text, version=since), Refused)
+        assert not isinstance(parse(text.replace(call, f"sync() # {call}"), version=before), Refused)
+    name = call.split("(")[0]
+    own = f"def mine():\n  def {name}(a, viscous_scale=0):\n    return a\n  end\n  x = {name}(1, viscous_scale=2)\nend"
+    assert isinstance(parse(own, version=before), Source)
 
 
 def test_an_injected_path_is_a_list_of_steps():

@@ -48,11 +48,15 @@ def robot_model(inputs: ConditionInputs) -> Reason:
 
 
 SOFTWARE_NOT_DRIVABLE = Sentence("software_not_drivable", "software {firmware}: {why}; expected {expected}")
-SOFTWARE_TESTED = Sentence("software_tested", "{firmware}, among the tested {tested}")
-SOFTWARE_UNTESTED_ALLOWED = Sentence("software_untested_allowed", "{software}: untested, and replay.allow_untested_software is true")
-SOFTWARE_UNTESTED = Sentence(
-    "software_untested", "{software}; tested are {tested}; replay.allow_untested_software = true lets another one move the arm"
+SOFTWARE_TESTED = Sentence("software_tested", "{firmware}, among the tested {tested}; {library}")
+SOFTWARE_UNTESTED_ALLOWED = Sentence(
+    "software_untested_allowed", "{software}: untested, and replay.allow_untested_software is true; {library}"
 )
+SOFTWARE_UNTESTED = Sentence(
+    "software_untested", "{software}; tested are {tested}; replay.allow_untested_software = true lets another one move the arm; {library}"
+)
+LIBRARY_TESTED = Sentence("library_tested", "driven by {library}, as tested")
+LIBRARY_UNTESTED = Sentence("library_untested", "driven by {library}; tested is {tested}")
 
 
 def software(inputs: ConditionInputs) -> Reason:
@@ -61,13 +65,15 @@ def software(inputs: ConditionInputs) -> Reason:
     firmware, known = identity.firmware, identity.software
     if not known.drivable:
         raise MotionRefused(SOFTWARE_NOT_DRIVABLE(firmware=firmware, why=known.reason, expected=known.expected))
+    same = known.library == known.expected_library
+    library = LIBRARY_TESTED(library=known.library) if same else LIBRARY_UNTESTED(library=known.library, tested=known.expected_library)
     if known.tested:
-        return SOFTWARE_TESTED(firmware=firmware, tested=known.expected)
+        return SOFTWARE_TESTED(firmware=firmware, tested=known.expected, library=library)
     what = f"software {firmware}" if firmware else "the software's version is not reported"
     what += f" ({known.reason})" if known.reason else ""
     if inputs.settings.allow_untested_software:
-        return SOFTWARE_UNTESTED_ALLOWED(software=what)
-    raise MotionRefused(SOFTWARE_UNTESTED(software=what, tested=known.expected))
+        return SOFTWARE_UNTESTED_ALLOWED(software=what, library=library)
+    raise MotionRefused(SOFTWARE_UNTESTED(software=what, tested=known.expected, library=library))
 
 
 JOINT_LIMITS_NOT_REPORTED = Sentence(

@@ -93,7 +93,7 @@ class Arm:
         """Connect the receiver. Raises RuntimeError as ur-rtde does."""
         self.taking = taking
         self.state = State.at_start(lent=task.settings.lent is not None).after(Event.CONNECT)
-        self.settings, self.robot = task.settings, task.robot
+        self.settings, self.robot, self.program = task.settings, task.robot, task.program
         self.payload_kg = task.context.payload_kg
         self.proved_q: Array | None = None  # (J,) [rad] the position from which the way to the start was proved clear
         self.tick_s = 1.0 / self.settings.rate_hz
@@ -142,7 +142,7 @@ class Arm:
 
         Raises RobotUnreachable, or MotionRefused where another client controls the arm.
         """
-        self.connection = Control(self.settings.host, self.settings.rate_hz, lent=lent)
+        self.connection = Control(self.settings.host, self.settings.rate_hz, lent=lent, program=self.program)
         self.note_busy()  # the constructor takes some tenths of a second
         self.control.report()
 

@@ -6,6 +6,7 @@ asked for: the control program when `upload` is called, and commands to that pro
 is ever uploaded: the control loop is in the program.
 """
 
+import os
 import socket
 from collections.abc import Callable
 from typing import TypeVar
@@ -46,13 +47,15 @@ CONNECTION_BROKE_OFF = Sentence("connection_broke_off", "the RTDE connection bro
 class Control:
     """The control connection. After construction no thread of this process can open another socket."""
 
-    def __init__(self, host: str, rate_hz: float, *, lent: bool = False) -> None:
-        """Connect; nothing is uploaded, and no program is stopped. `lent`: the control loop is part of a program that plays already.
+    def __init__(self, host: str, rate_hz: float, *, lent: bool = False, program: str | None = None) -> None:
+        """Connect; nothing is uploaded, and no program is stopped.
 
+        lent : the control loop is part of a program that plays already. program : the text that `upload` sends; None: ur-rtde's own.
         Raises RobotUnreachable; MotionRefused where another client controls the arm, or where new connections cannot be forbidden.
         """
         self._host = host
         self._pause_s = STANDING_S  # from one call to the next, at most
+        self._program = None if program is None else _in_memory(program)
         try:
             self._rtde = RTDEControlInterface(host, rate_hz, *_mode(lent=lent))
         except RuntimeError as error:
@@ -100,7 +103,13 @@ class Control:
 
         The caller knows that no program runs, on this connection too: ur-rtde would try to stop it.
         """
-        return self._call(lambda: bool(self._rtde.reuploadScript()), STANDING_CALL_S)
+        return self._call(self._upload, STANDING_CALL_S)
+
+    def _upload(self) -> bool:
+        if self._program is None:
+            return bool(self._rtde.reuploadScript())
+        self._rtde.setCustomScriptFile(self._program)  # sends it, and does not say whether it could
+        return True
 
     def end_uploads(self) -> None:
         """Make it impossible to send a program from here again."""
@@ -134,6 +143,14 @@ class Control:
             raise StreamFailure("connection_lost", CONNECTION_BROKE_OFF(why=str(error))) from None
         report_within(self._pause_s)
         return result
+
+
+def _in_memory(text: str) -> str:
+    """The path of a file with this text, which lasts as long as this process."""
+    descriptor = os.memfd_create("control_program")
+    with os.fdopen(descriptor, "w", closefd=False) as file:
+        file.write(text)
+    return f"/proc/self/fd/{descriptor}"
 
 
 def _mode(*, lent: bool) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.state import ArmState, Identity, Software
 from monitor.acquire.ur import conversation, primary
 from monitor.acquire.ur.last_resorts import forbid_new_sockets
-from monitor.acquire.ur.node_script import OFFER, VERSION, control_script, hand_over_script
+from monitor.acquire.ur.node_script import OFFER, VERSION, control_program, control_script, hand_over_script
 from monitor.acquire.ur.node_server import HandOverServer, answer_of
 from monitor.acquire.ur.primary import ReportedErrors
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
@@ -71,23 +72,67 @@ E_SERIES_FROM = 5  # first major version of the software of the e-Series
 
 
 class Span(NamedTuple):
-    """A span of versions of the controller's software, both ends included, by major and minor number."""
+    """A span of versions of the controller's software, both ends included, by major and minor number, and what is known of it."""
 
     first: tuple[int, int]
     last: tuple[int, int]
     reason: str  # of its bounds
     drives: bool = True  # ur-rtde can drive it
     tested: bool = True  # replays on it are tested, as far as its wire is known
+    played: tuple[str, ...] = ()  # versions of the simulator on which the tests play a replay
+    library: str = ""  # versions of the manufacturer's simulator on which it tests its own client library, as that says
+    seen: str = ""  # what somebody saw on an arm
+
+    @property
+    def text(self) -> str:
+        """Its bounds, for a person."""
+        return " to ".join(dict.fromkeys(f"{major}.{minor}" for major, minor in (self.first, self.last)))
 
 
-SOFTWARE = (  # what is in none of these spans moves only where the configuration allows untested software
+# What is in none of these spans moves only where the configuration allows untested software. The docs have this as a table: `make docs`.
+SOFTWARE = (
     Span((3, 0), (3, 9), "RTDE's protocol 2, which ur-rtde speaks, came with 3.10", drives=False),
-    Span((3, 10), (3, 15), "CB3: from RTDE's protocol 2 to the generation's last version; 3.15 is what the tests play against"),
+    Span(
+        (3, 10),
+        (3, 15),
+        "CB3: from RTDE's protocol 2 to the generation's last version",
+        played=("3.10.0", "3.15.8"),
+        library="3.14.3, 3.15.8",
+        seen="a UR5 at rest, in a public recording",
+    ),
     Span((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
-    Span((5, 4), (5, 23), "e-Series: from ur-rtde's registers to the newest version for which it has a recipe"),
+    Span(
+        (5, 4),
+        (5, 26),
+        "e-Series: from ur-rtde's registers to the newest version for which it has a script; 5.24 to 5.26 speak the wire of 5.23, "
+        "with more names",
+        played=("5.4.0", "5.9.0", "5.11.0", "5.23.0", "5.24.0", "5.25.1", "5.26.0"),
+        library="5.9.4, 5.12.8, 5.15.2, 5.22.2, 5.25.1",
+        seen="UR3e and UR10e in motion, in public recordings; 5.25.1 plays the manufacturer's own control script (a public report of 2026)",
+    ),
     Span((10, 0), (10, 10), "PolyScope X before 10.11 has neither a dashboard nor a Robot API: no program could be stopped", drives=False),
-    Span((10, 11), (99, 99), "PolyScope X: its Robot API is known from public sources and a simulated controller only", tested=False),
+    Span(
+        (10, 11),
+        (10, 11),
+        "PolyScope X 10.11 does not tell whether it is in remote control, and its Robot API is not published",
+        tested=False,
+        played=("10.11.0",),
+        library="10.11.0",
+    ),
+    Span(
+        (10, 12),
+        (10, 14),
+        "PolyScope X: from the Robot API that tells remote control to the newest version whose names and Robot API are published",
+        played=("10.12.0", "10.12.1", "10.13.0", "10.14.0"),
+        library="10.12.0, 10.12.1, 10.13.0",
+        seen="a UR7e, of which version 10 is not said: ur-rtde did not control it reliably, for no known cause (a public report of 2026)",
+    ),
 )
+TESTED_LIBRARY = "1.6.5"  # the release of ur-rtde with which all of this was tested
+# Versions, the last of each span excluded, for which ur-rtde 1.6.5 keeps a name in its script that the manufacturer's client library 2.14
+# gives to later versions only: `ft_rtde_input_enable` from 5.9.1 on, and the scales of `direct_torque` from 10.12.1 on. A controller that
+# does not know a name refuses the whole script.
+NAMES_TOO_EARLY = (((5, 9, 0), (5, 9, 1)), ((10, 0, 0), (10, 12, 1)))
 
 
 def generation_of(firmware: str | None) -> str | None:
@@ -98,10 +143,11 @@ def generation_of(firmware: str | None) -> str | None:
 
 def understood(identity: Identity) -> Identity:
     """The same, with what its software tells of it."""
-    match = re.match(r"(\d+)\.(\d+)", identity.firmware or "")
-    number = (int(match[1]), int(match[2])) if match else None
-    span = next((each for each in SOFTWARE if number is not None and each.first <= number <= each.last), None)
-    known = Software(expected=_tested()) if span is None else Software(span.drives, span.drives and span.tested, span.reason, _tested())
+    number = numbers_of(identity.firmware)
+    span = next((each for each in SOFTWARE if number is not None and each.first <= number[:2] <= each.last), None)
+    known = Software(expected=_tested(), library=f"ur-rtde {version('ur_rtde')}", expected_library=f"ur-rtde {TESTED_LIBRARY}")
+    if span is not None:
+        known = known._replace(drivable=span.drives, tested=span.drives and span.tested, reason=span.reason)
     says_later = identity.robot_api
     return identity._replace(
         generation=generation_of(identity.firmware),
@@ -110,10 +156,16 @@ def understood(identity: Identity) -> Identity:
     )
 
 
+def numbers_of(firmware: str | None) -> tuple[int, int, int] | None:
+    """Major, minor and bugfix number of a version, "10.12" being 10.12.0; None where it is none."""
+    match = re.match(r"(\d+)\.(\d+)(?:\.(\d+))?", firmware or "")
+    return (int(match[1]), int(match[2]), int(match[3] or 0)) if match else None
+
+
 def _tested() -> str:
     """The spans of tested versions, as text."""
-    spans = [f"{span.first[0]}.{span.first[1]} to {span.last[0]}.{span.last[1]}" for span in SOFTWARE if span.drives and span.tested]
-    return " and ".join(spans)
+    spans = [span.text for span in SOFTWARE if span.drives and span.tested]
+    return f"{', '.join(spans[:-1])} and {spans[-1]}"
 
 
 def model_of(identity: Identity) -> str | None:
@@ -207,7 +259,10 @@ class UniversalRobots:
         return ReportedErrors(host)
 
     def stream(self, task: ReplayTask) -> Session:
-        """A process that plays one replay once it is told `go`."""
+        """A process that plays one replay once it is told `go`. Raises RobotUnreachable where ur-rtde's program cannot be had."""
+        number = numbers_of(task.software)
+        if task.settings.lent is None and any(number is not None and first <= number < known for first, known in NAMES_TOO_EARLY):
+            task = replace(task, program=control_program(task.settings.host))
         return Child("monitor.acquire.ur.stream", task)
 
     def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:

@@ -53,7 +53,7 @@ def hand_over_script(control_script: str, *, version: int = 0) -> str:
     says of its text in the register VERSION; 0: nothing.
     Raises BadInput where ur-rtde's text is not as expected.
     """
-    header, loop = _parts(control_script)
+    header, loop = _parts(_for_any_software(control_script))
     offset = re.search(r"# int register offset\s*\n\s*(\d+)", header)
     if offset is None or int(offset[1]) not in (0, UPPER):
         raise BadInput("hand_over: ur-rtde's control script does not say which registers it uses; expected an offset of 0 or 24")
@@ -64,6 +64,20 @@ def hand_over_script(control_script: str, *, version: int = 0) -> str:
     node = _filled(_NODE, int(offset[1])).replace("LOOP\n", loop.strip("\n") + "\n")
     text = f"{HEADER_BEGIN}\n{header.strip(chr(10))}\n{own}{HEADER_END}\n\n{LOOP_BEGIN}\n{node}{LOOP_END}\n"
     return _renamed(text, _defined(text))
+
+
+def control_program(host: str) -> str:
+    """ur-rtde's whole program for this controller, without what some software does not know. Raises RobotUnreachable.
+
+    ur-rtde puts the offsets of its registers behind two comments; they are there already, and would be there twice.
+    """
+    text = _for_any_software(control_script(host)).replace(" register offset\n", " offset\n")
+    return f"def rtde_control():\n{text}\nend\n"
+
+
+def _for_any_software(text: str) -> str:
+    """ur-rtde's text without the lines that name what some software does not know for which ur-rtde keeps them; no replay needs them."""
+    return _NOT_OF_ALL.sub("", text)
 
 
 def _defined(text: str) -> set[str]:
@@ -137,6 +151,7 @@ _WORD = re.compile(r'"[^"\n]*"|#[^\n]*|(?<![\w.])(?P<name>[A-Za-z_]\w*)')  # a t
 _ASSIGNED = re.compile(r"\s*=(?!=)")
 _DEFINED = re.compile(r"(?:^|\n|\d\s)[ \t]*(?:(?:def|thread)\s+(\w+)|(?:global\s+|local\s+)?([A-Za-z_]\w*)(?:\[[^\]\n]*\])?\s*=(?!=))")
 _FORCE_MODE = re.compile(r"^[ \t]*force_mode_set_(?:gain_scaling|damping)\([^\n]*\n", re.MULTILINE)  # they would replace the program's own
+_NOT_OF_ALL = re.compile(r"^[ \t]*(?:direct_torque|ft_rtde_input_enable)\([^\n]*\n", re.MULTILINE)
 _REGISTERS = {"VERSION": VERSION, "ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
 _STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
 _HEADER = """

@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib.metadata import version
 
 import numpy as np
 
@@ -248,7 +249,11 @@ def _end_ours(arm: Arm) -> bool:
 
 PROGRAM_PAUSED = Sentence("program_paused", "the control program is {name:word}, before it moved the arm")
 CONTROLLER_SAYS = Sentence("controller_says", "; the controller says: {said}")
-PROGRAM_NOT_STARTED = Sentence("program_not_started", "the control program did not start within {limit_s:g} s{mistake}")
+PROGRAM_NOT_STARTED = Sentence("program_not_started", "the control program did not start within {limit_s:g} s")
+PROGRAM_REFUSED = Sentence(
+    "program_refused",
+    "the controller refused the control program of ur-rtde {release}: {said}; a single name that its software does not know is enough",
+)
 FOREIGN_PROGRAM_BETWEEN = Sentence("foreign_program_between", "somebody else's program {program} was started while ours was on its way")
 ARM_MOVED_BEFORE_OURS = Sentence("arm_moved_before_ours", "a program moved the arm before ours did: somebody else's was started")
 PROGRAM_STATE_AFTER_UPLOAD = Sentence(
@@ -293,7 +298,9 @@ class _Beginning:
             if self._runs_alone(row[0]):
                 return
             if arm.seen_at - self._sent_s > START_S:
-                raise StreamFailure("no_control", PROGRAM_NOT_STARTED(limit_s=START_S, mistake=self._mistake))
+                said = self._upload.messages.mistake
+                refused = PROGRAM_REFUSED(release=version("ur_rtde"), said=said)
+                raise StreamFailure("no_control", refused if said else PROGRAM_NOT_STARTED(limit_s=START_S))
 
     def _sign_of_another(self, state: ArmState) -> StreamFailure | None:
         """Why another program than ours plays, or played until ours took its place; None where nothing says so."""

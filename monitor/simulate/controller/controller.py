@@ -187,7 +187,7 @@ class Controller(Parts):
             self._run(text)
 
     def _run(self, text: str) -> None:
-        script = parse(text, recognise=self.settings.control_script == "modelled")
+        script = parse(text, recognise=self.settings.control_script == "modelled", version=self.settings.polyscope)
         if not isinstance(script, Immediate):
             self.programs.start(script)
             return

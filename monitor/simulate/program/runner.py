@@ -12,7 +12,7 @@ from monitor.simulate.machine.machine import Machine
 from monitor.simulate.machine.moves import PROGRAM_STOP_RAD_S2, Move
 from monitor.simulate.machine.registers import Recipe
 from monitor.simulate.machine.state import Runtime
-from monitor.simulate.polyscope import X
+from monitor.simulate.polyscope import Version, X
 from monitor.simulate.program.control import ControlProgram
 from monitor.simulate.program.language import ScriptError, Source
 from monitor.simulate.program.player import CellProgram, Program, ScriptProgram
@@ -59,13 +59,13 @@ PROGRAMS = {  # file name → what it does
 class ProgramFiles:
     """The files of one controller. `loaded` is the name of the loaded program."""
 
-    def __init__(self, tree: ProgramTree | None = None, *, silent: bool = False, of_cell: str | None = None) -> None:
-        """A production program is loaded at first if one is given. `silent`: a node whose host does not answer does nothing.
+    def __init__(self, version: Version, tree: ProgramTree | None = None, *, of_cell: str | None = None) -> None:
+        """A production program is loaded at first if one is given.
 
         of_cell : name of the program of the cell around the arm, which is then loaded at first; None if the arm stands in none.
         """
         self._of_cell = None if of_cell is None else f"{of_cell}.urp"
-        self._silent = silent
+        self._version = version
         self._trees = {} if tree is None else {f"{tree.name}.urp": tree}
         self.loaded = self._of_cell or next(iter(self._trees), SCRIPT_PROGRAM)
         self._served: Mapping[Host, str | None] = {}
@@ -105,12 +105,12 @@ class ProgramFiles:
     def program(self) -> Source | Refused | None:
         """The loaded program, made into a script as at Play; None if only scripts have run so far."""
         if self.loaded in self._trees:
-            text = self._trees[self.loaded].script(self._served, silent=self._silent)
+            text = self._trees[self.loaded].script(self._served, silent=self._version.major >= X)
         elif self.loaded in PROGRAMS:
             text = PROGRAMS[self.loaded]
         else:
             return None
-        script = parse(text, recognise=False)
+        script = parse(text, recognise=False, version=self._version)
         return script if isinstance(script, Source | Refused) else None
 
     @staticmethod
@@ -162,8 +162,8 @@ class Programs:
         self.current: Program | None = None
         self._full_speed_at_s = 0.0  # until this time after a start, `speed_scaling` is 0
         self.files = ProgramFiles(
+            machine.settings.polyscope,
             machine.settings.program,
-            silent=machine.settings.polyscope.major >= X,
             of_cell=None if surroundings is None else surroundings.name,
         )
         self._name = ""  # of the present program

@@ -2,12 +2,14 @@
 
 A script is one of four kinds: ur-rtde's control script with the path of moves that ur-rtde injects into it (`control.py` runs what that
 script describes); a program in the part of the language that `language.py` understands; an immediate line; and everything else, which is
-refused with the line and the reason.
+refused with the line and the reason. A program that names what the controller's version does not know is refused whole, as a real one is:
+reported of functions in public (for example "Compile error: name 'str_cat' is not defined"), assumed of a function's parameters.
 """
 
 import re
 from dataclasses import dataclass
 
+from monitor.simulate.polyscope import Version, unknown_names
 from monitor.simulate.program.interpreter import FUNCTIONS, NeedsMachine, run
 from monitor.simulate.program.language import ScriptError, Source, parsed
 from monitor.simulate.program.steps import STEPS, Step, takes_time
@@ -97,9 +99,15 @@ class Framer:
         return complete
 
 
-def parse(text: str, *, recognise: bool = True) -> Script:
-    """Parse one complete script. `recognise` tells whether ur-rtde's control script becomes a ControlScript, or a program as any other."""
+def parse(text: str, *, recognise: bool = True, version: Version | None = None) -> Script:
+    """Parse one complete script.
+
+    `recognise` tells whether ur-rtde's control script becomes a ControlScript, or a program as any other. `version` is that whose names a
+    program may use; None: those of every version.
+    """
     try:
+        if version is not None:
+            _check_names(text, version)
         if recognise and text.startswith(("def rtde_control()", "def rtde_control ")) and "NODE_CONTROL_LOOP_BEGINS" in text:
             return _control_script(text)
         if text in IMMEDIATE:
@@ -108,6 +116,18 @@ def parse(text: str, *, recognise: bool = True) -> Script:
     except ScriptError as wrong:
         where = "" if "\n" not in text else f"the program {text.split(chr(10), maxsplit=1)[0][4:].rstrip(':')[:80]}, line {wrong.line}: "
         return Refused(f"{where}{wrong.text}", wrong.text, wrong.line, wrong.column)
+
+
+def _check_names(text: str, version: Version) -> None:
+    """Raises ScriptError where a line calls what this version does not know, and the program does not define itself."""
+    unknown = unknown_names(version)
+    for found in unknown.finditer(text) if unknown else ():
+        name, at = found[found.lastindex or 0], found.start(found.lastindex or 0)
+        line_at = text.rfind("\n", 0, at) + 1
+        function = re.match(r"\w+", found[0])
+        own = function is not None and re.search(rf"^\s*def\s+{function[0]}\s*\(", text, re.MULTILINE) is not None
+        if not own and "#" not in text[line_at:at]:
+            raise ScriptError(f"compile_error_name_not_found:{name}:", text.count("\n", 0, at) + 1, at - line_at + 1)
 
 
 def _program(text: str) -> Source:
