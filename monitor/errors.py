@@ -4,7 +4,6 @@ A `MonitorError` is a sentence for a person: what was wrong, where, and what wou
 and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
-import math
 from typing import NamedTuple
 
 from monitor.reason import Reason, Sentence, reason_of
@@ -54,10 +53,13 @@ class RobotUnreachable(MonitorError):
 
 
 class LastSeen(NamedTuple):
-    """When an arm was last seen in a motion."""
+    """An arm as it was last seen in a motion. NaN: not reported."""
 
     host_s: float  # this host's monotonic clock
-    controller_s: float = math.nan  # the controller's clock; NaN: not known
+    controller_s: float  # the controller's clock
+    q: tuple[float, ...]  # (J,) [rad]
+    qd: tuple[float, ...]  # (J,) [rad/s]
+    payload_kg: float
 
 
 class ReplayAborted(MonitorError):
@@ -78,7 +80,6 @@ class ReplayAborted(MonitorError):
             "late",
             "timeout",
             "child_died",
-            "controller_restarted",
             "program_stopped",
             "no_control",
             "no_watchdog",
@@ -113,7 +114,7 @@ class ReplayAborted(MonitorError):
         `unknown`: what is not known of the arm after this end, or must be put right; None: all that must be known is.
         `phase`: the last one in which targets were sent; empty: none was. `home_q`: (J,) [rad] where the arm should have come back to.
         `borrowed`: the arm was taken from a program that played, and not given back; that program has ended, and a person must start it.
-        `last_seen`: when the session last showed the arm; None: it never did.
+        `last_seen`: the arm as the session last showed it; None: it never did.
         """
         super().__init__(message)
         self.cause, self.moved, self.at_rest, self.unknown = cause, moved, at_rest, unknown
@@ -129,8 +130,10 @@ class ReplayAborted(MonitorError):
         return self.cause not in self.HARMLESS or self.unknown is not None or self.borrowed
 
     def known(self, unknown: Reason | None) -> "ReplayAborted":
-        """The same end after a look at the arm; the message says what is `unknown` after it."""
-        return self._with(self.reason if unknown is None else AFTER_IT(ended=self.reason, what=unknown), self.cause, unknown)
+        """The same end after a look at the arm; the message says what is `unknown` after it. What was unknown before it stays so."""
+        if unknown is None:
+            return self
+        return self._with(AFTER_IT(ended=self.reason, what=unknown), self.cause, unknown)
 
     def stopped(self, cause: str, stop: Reason, unknown: Reason | None) -> "ReplayAborted":
         """The same end, of which a stop by the robot's safety system turned out to be the cause."""

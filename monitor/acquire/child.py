@@ -29,7 +29,7 @@ from monitor.recording import Array
 NO_PROCESS = Sentence("no_process", "{module}: cannot start a process: {why}")
 ENDED = Sentence("child_process_ended", "the child process has ended")
 HEADER = struct.Struct("<BI")  # kind, length of the body in bytes
-ROW, MESSAGE = 0, 1
+ROW, MESSAGE, SEEN = 0, 1, 2
 LARGEST_BODY = 4096 - HEADER.size  # bytes; the kernel writes up to PIPE_BUF = 4096 bytes whole or not at all
 LONGEST_TEXT = 1000  # characters of a reason's text where the whole reason does not fit into one frame
 
@@ -37,6 +37,11 @@ LONGEST_TEXT = 1000  # characters of a reason's text where the whole reason does
 def row_frame(row: Array) -> bytes:
     """The frame of one row (WIDTH,), as float64 in little-endian order."""
     return _frame(ROW, np.ascontiguousarray(row, dtype="<f8").tobytes())
+
+
+def seen_frame(row: Array) -> bytes:
+    """The frame of one row (WIDTH,) that is none of the play: a sign of life with the arm as it is."""
+    return _frame(SEEN, np.ascontiguousarray(row, dtype="<f8").tobytes())
 
 
 def message_frame(kind: str, content: dict[str, Any]) -> bytes:
@@ -61,7 +66,7 @@ class FrameReader:
         self._waiting = b""
 
     def frames(self, data: bytes) -> Iterator[Array | dict[str, Any]]:
-        """Rows (WIDTH,) and messages that are complete with this data, oldest first."""
+        """Rows (WIDTH,) and messages that are complete with this data, oldest first. `alive` has its `row` where it was sent with one."""
         data, at = self._waiting + data, 0
         complete = []
         while len(data) - at >= HEADER.size:
@@ -73,7 +78,11 @@ class FrameReader:
             complete.append((kind, body))
         self._waiting = data[at:]
         for kind, body in complete:
-            yield np.frombuffer(body, dtype="<f8").copy() if kind == ROW else json.loads(body)
+            if kind == MESSAGE:
+                yield json.loads(body)
+            else:
+                row = np.frombuffer(body, dtype="<f8").copy()
+                yield row if kind == ROW else {"kind": "alive", "row": row}
 
 
 PIPE_BYTES = 1 << 20  # about 14 s of rows at 125 Hz: a busy parent does not stop the arm
@@ -180,7 +189,7 @@ class Child:
 PR_SET_PDEATHSIG = 1  # option of prctl(2)
 REAL_TIME_PRIORITY = 10  # above every ordinary process, below the kernel's own real-time threads
 
-ALIVE, WAITING = (message_frame(kind, {}) for kind in ("alive", "waiting"))  # made once: one of them is sent in every tick
+ALIVE, WAITING = (message_frame(kind, {}) for kind in ("alive", "waiting"))  # made once: they are sent often
 
 EXIT_ORPHANED = 70  # the parent is gone
 EXIT_PIPE = 71  # the parent does not read, or its end of the pipe is closed
@@ -236,9 +245,9 @@ class Outbox:
         """Send one small message; leaves the process where the pipe is full or closed."""
         self._write(message_frame(kind, content))
 
-    def alive(self) -> None:
-        """Send a sign of life with which all is in order; leaves the process where the pipe is full or closed."""
-        self._write(ALIVE)
+    def alive(self, row: Array | None) -> None:
+        """Send a sign of life with which all is in order, with the newest row (WIDTH,), if any; leaves the process as `row`."""
+        self._write(ALIVE if row is None else seen_frame(row))
 
     def waiting(self) -> None:
         """Send a sign of life while the controller's next row is late; leaves the process where the pipe is full or closed."""

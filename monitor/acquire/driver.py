@@ -159,8 +159,8 @@ class Driver(Protocol):
 
         It sends the rows of the play, and each event of the protocol as a message of that `kind`: that of a phase with its `duration_s`;
         the last words STOPPED and FAILED with a `cause` and a `reason`, REFUSED and UNREACHABLE with a `reason`. Beside these: `state` with
-        a `row` while it waits in the phase READY; `passed_by` with a `reason` for each node at which the arm was not taken; `alive`, and
-        `waiting` while the robot's next row is late.
+        a `row` while it waits in the phase READY; `passed_by` with a `reason` for each node at which the arm was not taken; `alive` with
+        the newest `row`, and `waiting` while the robot's next row is late.
         It takes the words GO, without which nothing moves, STOP, BACK, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. A session that was not told GO gives a lent arm back after STOP, after whatever it refuses itself,
         and where nobody says `here`.

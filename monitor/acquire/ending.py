@@ -1,14 +1,13 @@
 """How a replay ends: what became of our program, in words for a person why it ended, and what is known of the arm after it.
 
 A session that has ended leaves a `State` whose program may still run. `end_program` finds out what became of it, and stops it;
-`how_it_ended` names the cause; `look` looks at the arm, by receiving only, and `judged_end` adds what it has seen. The protocol's table
+`how_it_ended` names the cause; `look_after` looks at the arm, by receiving only, and adds what it has seen. The protocol's table
 (`protocol`) has no end that is not found out so.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,10 @@ from monitor.reason import Reason, Sentence, reason_from
 PRINTED_TAIL = 300  # characters of what a dead process printed that go into the error's text
 LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
 REST_S = 3.0  # an arm that still moves, or a program that still runs, so long after the end did not end
+LONGEST_GAP_S = 2.0  # the controller's watchdog (0.1 s), the stop of our program (at most 1.6 s), and the first row of a look
+CLOCKS_APART_S = 0.15  # over a gap: a row may be 0.1 s old when it is read, and both clocks drift by less than 1e-3
+AT_REST_RAD, STOPS_WITHIN_S = 0.05, 0.5  # an arm at rest stays so near; one that moves comes to rest within so long
+PAYLOAD_KG = 0.01  # the controller's rounding
 LEAVING_S = 3.0  # somebody who wants this process to end does not wait longer for a controller that does not answer
 
 
@@ -111,14 +114,50 @@ def how_it_ended(
     )
 
 
-class Gap(NamedTuple):
-    """From the last that a session showed of its arm to the first look at it. Nobody has seen what happened between the two.
+GAP_NOT_SEEN = Sentence("gap_not_seen", "the arm was not seen in this motion: nobody knows what happened to it")
+GAP_OF_CLOCKS = Sentence(
+    "gap_of_clocks",
+    "nobody saw the arm for {host_s:.1f} s, in which the controller's clock went on by {controller_s:.1f} s: it was restarted, or its "
+    "clock was set; look at the arm",
+)
+GAP_TOO_LONG = Sentence(
+    "gap_too_long",
+    "nobody saw the arm for {host_s:.1f} s, and anything may have happened to it; at most {limit_s:g} s are explained; look at the arm",
+)
+GAP_MOVED = Sentence(
+    "gap_moved", "{joint:joint} went {moved_rad:.2f} rad while nobody saw the arm, more than it takes to come to rest: look at the arm"
+)
+GAP_PAYLOAD = Sentence(
+    "gap_payload", "the payload was {before_kg:.3f} kg, and is {after_kg:.3f} kg since nobody saw the arm: look at the arm"
+)
 
-    The two clocks agree where the controller ran through the gap.
+
+def unexplained(before: LastSeen | None, after: ArmState, *, clean: bool) -> Reason | None:
+    """Why the gap from the last that a session showed of its arm to the first look at it is not explained; None: it is.
+
+    Nobody has seen what happened between the two. A gap is explained where the controller's clock went on by the time of the host, where it
+    is no longer than our own end takes (the watchdog, the stop of our program, one look), and where the arm is where a stop leaves it. A
+    controller lets nobody unlock a protective stop within 5 s, so a safety mode that is normal after such a gap was so in it.
+
+    clean : as of `look`: a program that runs now is another's, and may move the arm.
     """
-
-    host_s: float
-    controller_s: float  # NaN: one of the two did not show it
+    if before is None:
+        return GAP_NOT_SEEN()
+    host_s, controller_s = after.host_s - before.host_s, after.controller_s - before.controller_s
+    if not abs(controller_s - host_s) <= CLOCKS_APART_S:  # also where one of them is no number
+        return GAP_OF_CLOCKS(host_s=host_s, controller_s=controller_s)
+    if not host_s <= LONGEST_GAP_S:
+        return GAP_TOO_LONG(host_s=host_s, limit_s=LONGEST_GAP_S)
+    if clean and after.runtime_state != RUNTIME_STOPPED:
+        return None
+    moved = np.abs(after.q - np.array(before.q))  # (J,)
+    beyond = moved - (AT_REST_RAD + STOPS_WITHIN_S * np.abs(before.qd))  # (J,)
+    if not np.all(beyond <= 0.0):
+        j = int(np.argmax(beyond))
+        return GAP_MOVED(joint=j + 1, moved_rad=moved[j])
+    if abs(after.payload_kg - before.payload_kg) > PAYLOAD_KG:  # not where it is not reported
+        return GAP_PAYLOAD(before_kg=before.payload_kg, after_kg=after.payload_kg)
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +167,6 @@ class ArmAfter:
     stop: SafetyStop | None = None  # that its safety system holds
     unknown: Reason | None = None  # what is not known; None: all is in order
     state: ArmState | None = None  # what the controller reported; None: it did not answer
-    gap: Gap | None = None  # before the first look; None: nobody looked, or nothing was seen before
 
 
 NO_ANSWER = Sentence(
@@ -142,37 +180,42 @@ A_PROGRAM_RUNS = Sentence(
 NOT_STILL = Sentence("not_still", "the arm does not stand still")
 
 
-def gap_between(last: LastSeen | None, state: ArmState | None) -> Gap | None:
-    """The gap before a look that showed this state; None where nothing was seen on one of its sides."""
-    if last is None or state is None:
-        return None
-    return Gap(state.host_s - last.host_s, state.controller_s - last.controller_s)
-
-
-def look(
-    driver: Driver,
-    settings: ReplaySettings,
-    *,
-    clean: bool,
-    last_seen: LastSeen | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
-) -> ArmAfter:
+def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool] = lambda: False) -> ArmAfter:
     """Look at the arm until it is in order, for at most confirm_timeout_s.
 
     clean : the session has shown that the arm came to rest and its program ended; a program that runs now is another's, and may move it.
     """
-    began, gap = time.monotonic(), None
+    return _look(driver, settings, clean=clean, should_stop=should_stop)[0]
+
+
+def look_after(
+    driver: Driver, settings: ReplaySettings, error: ReplayAborted, should_stop: Callable[[], bool] = lambda: False
+) -> tuple[ReplayAborted, ArmAfter]:
+    """Look at the arm that a replay left early; the same end with what is known after it, and what was seen.
+
+    A stop by the robot's safety system is the cause of any end. What is unknown, and a gap that is not explained, ask for a person.
+    """
+    after, first = _look(driver, settings, clean=error.at_rest, should_stop=should_stop)
+    if after.stop is not None:
+        return error.stopped(after.stop.cause, after.stop.reason, after.unknown), after
+    gap = None if first is None else unexplained(error.last_seen, first, clean=error.at_rest)
+    return error.known(after.unknown or gap), after
+
+
+def _look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool]) -> tuple[ArmAfter, ArmState | None]:
+    """What `look` returns, and the first state that was seen."""
+    began, first = time.monotonic(), None
     while True:
         state = driver.state(settings.host, settings.rate_hz, LOOK_S)
-        found, gap = judged(state, clean=clean), gap or gap_between(last_seen, state)
+        found, first = judged(state, clean=clean), first or state
         lasted_s = time.monotonic() - began
         patience_s = settings.confirm_timeout_s if found is None else min(REST_S, settings.confirm_timeout_s)
         if should_stop():
             patience_s = min(patience_s, LEAVING_S)
         if found is None and lasted_s > patience_s:
-            return ArmAfter(unknown=NO_ANSWER(lasted_s=lasted_s), gap=gap)
+            return ArmAfter(unknown=NO_ANSWER(lasted_s=lasted_s)), first
         if found is not None and (found.unknown is None or found.stop is not None or lasted_s > patience_s):
-            return replace(found, gap=gap)
+            return found, first
 
 
 def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
@@ -190,10 +233,3 @@ def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:
     if not np.all(np.abs(state.qd) <= STANDSTILL_RAD_S):  # also where a speed is no number
         return ArmAfter(None, NOT_STILL(), state)
     return ArmAfter(state=state)
-
-
-def judged_end(error: ReplayAborted, after: ArmAfter) -> ReplayAborted:
-    """The same end of a replay, with what is known of the arm after it. A stop by the robot's safety system is the cause of any end."""
-    if after.stop is not None:
-        return error.stopped(after.stop.cause, after.stop.reason, after.unknown)
-    return error.known(after.unknown)

@@ -85,6 +85,7 @@ class Watch:
         self.last_motion: Phase | None = None  # the last phase that moves the arm from one place to another; None: none has begun
         self.arm: ArmState | None = None  # the latest before the arm moved
         self.rows: list[Array] = []
+        self._seen: Array | None = None  # (WIDTH,) the newest row of all; None: none has come
         self.first_row_unix_s: float | None = None
         self.last_word: dict[str, Any] | None = None  # the message after which the session ends
         self.asked: Interruption | None = None  # why a stop was asked for
@@ -118,17 +119,12 @@ class Watch:
         return OurProgram(self._alive_at, name=name)
 
     @property
-    def last_seen(self) -> LastSeen:
-        """When the session last showed the arm: by its last word, its last row, or a sign of life."""
-        seen = None if self.last_word is None else self.last_word.get("seen")
-        if seen is not None:
-            return LastSeen(*seen)
-        if self.rows:
-            row, column = self.rows[-1], layout_of(len(self.rows[-1])).column
-            shown = LastSeen(float(row[column["host_monotonic_s"]][0]), float(row[column["timestamp"]][0]))
-            if shown.host_s >= self._alive_at:
-                return shown
-        return LastSeen(self._alive_at)
+    def last_seen(self) -> LastSeen | None:
+        """The arm as the session last showed it; None: it never did."""
+        if self._seen is None:
+            return None
+        state = arm_state(self._seen)
+        return LastSeen(state.host_s, state.controller_s, tuple(state.q.tolist()), tuple(state.qd.tolist()), state.payload_kg)
 
     def find_out(self, playing_program: Callable[[], str | None]) -> None:
         """Where the session has ended before the program answered: whether it has its arm, or has ended. The arm stands in either case.
@@ -250,6 +246,7 @@ class Watch:
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
         if not isinstance(frame, dict):
+            self._seen = frame
             self._alive_at = float(frame[layout_of(len(frame)).column["host_monotonic_s"]][0])
             if self.first_row_unix_s is None:
                 self.first_row_unix_s = time.time()
@@ -258,8 +255,11 @@ class Watch:
         kind = frame["kind"]
         if kind not in {"waiting", Event.FAILED, Event.STOPPED}:
             self._alive_at = self._read_at  # a frame may have waited while this process slept: it came after the pipe was last empty
+        if (row := frame.get("row")) is not None:
+            self._seen = np.asarray(row, dtype=float)
         if kind == "state":
-            self.arm = arm_state(np.array(frame["row"], dtype=float))
+            assert self._seen is not None
+            self.arm = arm_state(self._seen)
         elif kind == "passed_by":
             self._passed_by = reason_from(frame["reason"])
         elif kind not in NO_EVENTS and self.last_word is None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from monitor.acquire.driver import Driver
-from monitor.acquire.ending import judged_end, look
+from monitor.acquire.ending import look, look_after
 from monitor.acquire.replay import check, first_pass_key, replay, slowed
 from monitor.acquire.safety.gate import AskPermit
 from monitor.acquire.safety.inputs import ConditionResult, LastMotion, Permit
@@ -188,8 +188,7 @@ def move(
             ended, after = error, None
             with_us = settings.lent is None or error.borrowed  # else the program has its arm, and moves it
             if with_us and error.moved and error.cause in ReplayAborted.HARMLESS:
-                after = look(chosen, settings, clean=error.at_rest, last_seen=error.last_seen, should_stop=caller.should_stop)
-                ended = judged_end(error, after)
+                ended, after = look_after(chosen, settings, error, caller.should_stop)
             left = left_by(ended, after, played, before)
             if error.phase:
                 ended = with_a_person(ended, left, after, condition_inputs(configuration, played, context))

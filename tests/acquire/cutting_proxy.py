@@ -1,10 +1,11 @@
-"""A proxy between ur-rtde and a simulated controller that can cut one connection alone, by FIN or by RST, at any moment."""
+"""A proxy between ur-rtde and a simulated controller that can cut one connection alone, by FIN or by RST, or hold everything back."""
 
 import contextlib
 import selectors
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -45,7 +46,7 @@ class CuttingProxy:
             server.setblocking(False)
             self._selector.register(server, selectors.EVENT_READ, service)
             self._listening.append(server)
-        self._ends = False
+        self._ends, self._held = False, threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -56,6 +57,14 @@ class CuttingProxy:
             for pair in hit:
                 self._drop(pair, reset=reset)
         return len(hit)
+
+    def hold(self) -> None:
+        """The network is gone: nothing is forwarded and nobody is connected until `let_go`; what was sent meanwhile comes late."""
+        self._held.set()
+
+    def let_go(self) -> None:
+        """The network is back."""
+        self._held.clear()
 
     def close(self) -> None:
         self._ends = True
@@ -81,8 +90,13 @@ class CuttingProxy:
 
     def _run(self) -> None:
         while not self._ends:
+            if self._held.is_set():
+                time.sleep(0.002)
+                continue
             for key, _ in self._selector.select(0.05):
                 with self._lock:
+                    if self._held.is_set():
+                        break
                     if isinstance(key.data, str):
                         self._accept(key.fileobj, key.data)
                     elif key.data in self._pairs:

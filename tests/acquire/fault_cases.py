@@ -13,7 +13,7 @@ import numpy as np
 from processes import children
 
 from monitor.acquire.driver import usual_driver
-from monitor.acquire.ending import judged_end, look
+from monitor.acquire.ending import look_after
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
@@ -76,7 +76,7 @@ STOPPING = (
     _case("reset", "connection_lost", service="rtde"),
     _case("close", "connection_lost", service="all"),
     _case("reset", "connection_lost", service="all"),
-    _case("restart", *LOST, seconds=0.5, power="on"),
+    _person("restart", *LOST, seconds=0.5, power="on"),
     _case("freeze", "stalled", seconds=0.6),
     _case("late", "stalled", seconds=0.4, share=1.0),
     _case("skip", "stalled", share=1.0),
@@ -97,8 +97,8 @@ STOPPING = (
     *(_case(fault, "connection_lost", service="rtde", connection=number) for fault in ("close", "reset") for number in (1, 2)),
     _person("power_cut", *LOST, seconds=1.0, connections="silent"),
     _person("power_cut", *LOST, seconds=1.0, connections="reset"),
-    _case("clock_jump", "controller_restarted", "stalled", seconds=5.0),
-    _case("clock_jump", "controller_restarted", "stalled", seconds=-5.0),
+    _person("clock_jump", "controller_restarted", "stalled", seconds=5.0),
+    _person("clock_jump", "controller_restarted", "stalled", seconds=-5.0),
     Case(
         "foreign_program",
         {"when": "now", "seconds": 4.0},
@@ -258,7 +258,7 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
     except ReplayAborted as error:
         cause, reported_s = error.cause, time.monotonic() - fault["at"] if fault else None
         if case.person is not None:  # as the service judges an end: after a look at the arm
-            person = judged_end(error, look(usual_driver(), settings, clean=False)).needs_a_person
+            person = look_after(usual_driver(), settings, error)[0].needs_a_person
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute", "power_cut", "foreign_program"}:
             wrong.append("the stop was not confirmed")
     if fault and reported_s is None:

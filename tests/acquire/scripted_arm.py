@@ -100,7 +100,7 @@ class Silent:
     def word(self):
         return None
 
-    def alive(self):
+    def alive(self, row):
         self.signs += 1
 
     def __getattr__(self, name):

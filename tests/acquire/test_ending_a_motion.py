@@ -1,24 +1,18 @@
 """The gaps, people and programs that end a motion, and how it ends: the streaming process on scripted rows, without ur-rtde."""
 
 import math
-from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 
 import pytest
 from scripted_arm import PLAYING, STOPPED, TICK_S, ScriptedMessages, Wide, cause_of, rows, scripted_arm, told
 from test_driver import row
-from test_guard import ready_state
 
-from monitor.acquire.ending import Gap, look
 from monitor.acquire.protocol import Order, Phase, Program, State
-from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur import arm as arm_module
 from monitor.acquire.ur import control as control_module
 from monitor.acquire.ur import stream
 from monitor.acquire.ur.failures import StreamFailure
 from monitor.acquire.ur.rtde import COLUMN
-from monitor.errors import LastSeen
 
 AT_REST = State(Phase.SETTLE, Program.OURS, Order.GO)
 
@@ -233,24 +227,3 @@ def test_a_command_that_is_refused_over_sound_connections_has_its_cause_from_the
     """A program that somebody stopped, and one that plays and takes nothing."""
     assert scripted([row(n, runtime_state=STOPPED) for n in range(20)]).refusal().cause == "program_stopped"
     assert scripted([row(n, runtime_state=PLAYING) for n in range(20)]).refusal().cause == "servo_refused"
-
-
-# --- after it ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("controller_s", "gap"),
-    [(20.5, Gap(7.0, 7.0)), (1.5, Gap(7.0, -12.0)), (math.nan, Gap(7.0, math.nan))],
-)
-def test_the_gap_between_the_last_row_and_the_first_look_is_a_value(controller_s, gap):
-    """By both clocks: a controller that was restarted in it shows another span than the host."""
-    state = replace(ready_state(), controller_s=controller_s, host_s=107.0)
-    driver = SimpleNamespace(state=lambda *_: state)
-    found = look(driver, ReplaySettings(), clean=True, last_seen=LastSeen(100.0, 13.5)).gap
-    assert found.host_s == gap.host_s
-    assert found.controller_s == pytest.approx(gap.controller_s, nan_ok=True)
-
-
-def test_a_look_after_nothing_was_seen_knows_of_no_gap():
-    """A session that never showed its arm leaves nothing to count from."""
-    assert look(SimpleNamespace(state=lambda *_: ready_state()), ReplaySettings(), clean=True).gap is None

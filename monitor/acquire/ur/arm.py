@@ -102,6 +102,7 @@ class Arm:
         self.connection: Control | None = None
         self.seen_at = self._checked_at = time.monotonic()  # [s] when the last row was read, and when the next check for a row was due
         self.gaps = CycleGaps()
+        self._row: Array | None = None  # (WIDTH,) the newest; None: none has come
         self._told_at = 0.0  # [s] when the parent last heard from this process
         self._sent_at = 0.0  # [s] when the last target was sent
         self._timestamp_s = self.receive.getTimestamp()
@@ -117,11 +118,6 @@ class Arm:
         self.band: TorqueBand | None = None  # of the motion; `guard_torque` sets it before anything moves
         self.missed = self.torn = 0  # ticks without a target; rows that were read again
         self.slipped_s = 0.0  # delay of the motion behind its plan
-
-    @property
-    def last_seen(self) -> tuple[float, float]:
-        """When the last row was read, by this host's monotonic clock and by the controller's."""
-        return self.seen_at, self._timestamp_s
 
     def note_busy(self) -> None:
         """Note that this process was busy with something else: the age of the last row says nothing about the controller."""
@@ -249,6 +245,7 @@ class Arm:
             raise StreamFailure("connection_lost", DATA_BROKE_OFF(why=str(error))) from None
         self.torn += again
         row[COLUMN["host_monotonic_s"]] = self.seen_at = time.monotonic()
+        self._row = row
         timestamp_s = float(row[0])
         self._timing = self._timing.arrived(timestamp_s, self._checked_at)
         self.step_s = timestamp_s - self._timestamp_s
@@ -323,7 +320,7 @@ class Arm:
         """Send the row (WIDTH,) to the parent, or a sign of life: the parent hears from this process in every tick while the arm moves."""
         self._told_at = self.seen_at
         if row is None:
-            self.outbox.alive()
+            self.outbox.alive(self._row)
         else:
             self.outbox.row(row)
 
@@ -335,7 +332,7 @@ class Arm:
         if self.state.streams or self.taking.in_doubt:
             self.outbox.waiting()
         else:
-            self.outbox.alive()
+            self.outbox.alive(self._row)
 
     def explained(self, failure: StreamFailure) -> StreamFailure:
         """The failure by its true cause: `late` where targets came late just before it, because of this process or the network."""

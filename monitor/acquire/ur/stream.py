@@ -297,9 +297,7 @@ def main() -> None:
             arm.taking.leave_nothing_behind(arm, failure)
         # without a program of ours the arm did not move, and what runs on the controller is somebody else's
         last = Event.FAILED if arm.program_sent else Event.STOPPED
-        outbox.message(
-            last, cause=explained.cause, found=failure.cause, reason=explained.reason.document(), ours=failure.ours, seen=arm.last_seen
-        )
+        outbox.message(last, cause=explained.cause, found=failure.cause, reason=explained.reason.document(), ours=failure.ours)
     except Stopped as stopped:
         assert arm is not None
         before = arm.proved_q is None
@@ -309,7 +307,7 @@ def main() -> None:
         where = NOTHING_MOVED if before else ARM_BACK if given_back else ARM_STANDS
         # a lent arm away from its place is not given back
         last = Event.FAILED if arm.program_sent and not arm.taking.anywhere else Event.STOPPED
-        outbox.message(last, cause=stopped.cause, reason=STOPPED_AT(why=why, where=where()).document(), seen=arm.last_seen)
+        outbox.message(last, cause=stopped.cause, reason=STOPPED_AT(why=why, where=where()).document())
     except RobotUnreachable as error:
         outbox.message(Event.UNREACHABLE, reason=error.reason.document())
     except MonitorError as error:
