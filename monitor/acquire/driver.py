@@ -60,6 +60,30 @@ class ErrorLink(Protocol):
         """Close the connection."""
 
 
+class History(NamedTuple):
+    """What happened to an arm between two times."""
+
+    known: bool = False  # the robot has told all of it; False: it may not have
+    found: Reason | None = None  # what was told that the end of a motion does not explain
+
+
+class Witness(Protocol):
+    """A connection on which the robot tells of itself whatever becomes of the session's: from before a motion until after it."""
+
+    def begin(self) -> None:
+        """Connect. Without that, and where nobody answers, nothing is known."""
+
+    @property
+    def ours_runs(self) -> bool:
+        """Whether the program that runs now is known to be ours."""
+
+    def history(self, since_s: float, until_s: float, *, programs: bool = True) -> History:
+        """What happened between two times (monotonic [s]). programs : False: another program may run, and may move the arm."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
 class NodeSays(NamedTuple):
     """What a node that lends the arm leaves in the controller's registers."""
 
@@ -160,14 +184,20 @@ class Driver(Protocol):
         It sends the rows of the play, and each event of the protocol as a message of that `kind`: that of a phase with its `duration_s`;
         the last words STOPPED and FAILED with a `cause` and a `reason`, REFUSED and UNREACHABLE with a `reason`. Beside these: `state` with
         a `row` while it waits in the phase READY; `passed_by` with a `reason` for each node at which the arm was not taken; `alive` with
-        the newest `row`, and `waiting` while the robot's next row is late.
+        the newest `row`, `calling` with the `call` of the library that may block, and `waiting` while the robot's next row is late.
         It takes the words GO, without which nothing moves, STOP, BACK, and while the arm moves `here` from whoever watches it: without that
         it lets the arm come to rest. A session that was not told GO gives a lent arm back after STOP, after whatever it refuses itself,
         and where nobody says `here`.
         """
 
-    def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
-        """Why a session's process ended without a last word; it had been silent for silent_s, and `printed` this."""
+    def witness(self, host: str) -> Witness:
+        """A witness for one motion, which has not begun yet."""
+
+    def cause_of_death(self, exit_code: int, silent_s: float, printed: str, call: str) -> Interruption:
+        """Why a session's process ended without a last word.
+
+        It had been silent for silent_s, and `printed` this; call : of the maker's library, which had not returned; empty: none.
+        """
 
     def lock_sockets(self) -> str | None:
         """Keep this process from ever opening a connection again, as the streaming process must; why it cannot be done, if so."""

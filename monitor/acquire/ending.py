@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.acquire.driver import Driver, OurEnd, SafetyStop
+from monitor.acquire.driver import Driver, History, OurEnd, SafetyStop, Witness
 from monitor.acquire.protocol import Event, Program
 from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
@@ -24,22 +24,26 @@ PRINTED_TAIL = 300  # characters of what a dead process printed that go into the
 LOOK_S = 5.0  # one look: the start of a process that receives, on a busy host too, its connection, and a tenth of a second of rows
 REST_S = 3.0  # an arm that still moves, or a program that still runs, so long after the end did not end
 LONGEST_GAP_S = 2.0  # the controller's watchdog (0.1 s), the stop of our program (at most 1.6 s), and the first row of a look
+UNKNOWN_GAP_S = 1.0  # where the robot does not tell what happened in it: a program and an unlocked stop take longer
 CLOCKS_APART_S = 0.15  # over a gap: a row may be 0.1 s old when it is read, and both clocks drift by less than 1e-3
-AT_REST_RAD, STOPS_WITHIN_S = 0.05, 0.5  # an arm at rest stays so near; one that moves comes to rest within so long
+AT_REST_RAD, STOPS_WITHIN_S = 0.05, 0.3  # an arm at rest stays so near; one that moves comes to rest within so long
 PAYLOAD_KG = 0.01  # the controller's rounding
 LEAVING_S = 3.0  # somebody who wants this process to end does not wait longer for a controller that does not answer
 
 
-def end_program(watch: Watch, driver: Driver) -> OurEnd | None:
+def end_program(watch: Watch, driver: Driver, witness: Witness | None = None) -> OurEnd | None:
     """Find out what became of the program that has the arm, once the session has ended, and stop ours where it may run.
 
-    Returns how it has ended; None where nothing of ours could run any more.
+    witness : knows longer than the session that what runs is ours. Returns how it has ended; None where nothing of ours could run any more.
     """
     host = watch.settings.host
     watch.find_out(lambda: driver.playing_program(host))
     if not watch.state.may_run:
         return None
-    end = driver.stop_program(host, watch.our_program)
+    ours = watch.our_program
+    if ours.at_s is not None and witness is not None and witness.ours_runs:
+        ours = ours._replace(at_s=time.monotonic())
+    end = driver.stop_program(host, ours)
     watch.state = watch.state.after(Event.NOT_SHOWN if end == "not_shown" else Event.PROGRAM_ENDED)
     return end
 
@@ -124,6 +128,7 @@ GAP_TOO_LONG = Sentence(
     "gap_too_long",
     "nobody saw the arm for {host_s:.1f} s, and anything may have happened to it; at most {limit_s:g} s are explained; look at the arm",
 )
+GAP_TOLD = Sentence("gap_told", "{what}: look at the arm")
 GAP_MOVED = Sentence(
     "gap_moved", "{joint:joint} went {moved_rad:.2f} rad while nobody saw the arm, more than it takes to come to rest: look at the arm"
 )
@@ -132,12 +137,13 @@ GAP_PAYLOAD = Sentence(
 )
 
 
-def unexplained(before: LastSeen | None, after: ArmState, *, clean: bool) -> Reason | None:
+def unexplained(before: LastSeen | None, after: ArmState, history: History, *, clean: bool) -> Reason | None:
     """Why the gap from the last that a session showed of its arm to the first look at it is not explained; None: it is.
 
-    Nobody has seen what happened between the two. A gap is explained where the controller's clock went on by the time of the host, where it
-    is no longer than our own end takes (the watchdog, the stop of our program, one look), and where the arm is where a stop leaves it. A
-    controller lets nobody unlock a protective stop within 5 s, so a safety mode that is normal after such a gap was so in it.
+    Nobody has seen what happened between the two. A gap is explained where the controller's clock went on by the time of the host; where it
+    is no longer than our own end takes (the watchdog, the stop of our program, one look); where the robot's own history of it tells of
+    nothing else or, if that is not known, it was too short for a person; and where the arm is where a stop leaves it. A controller lets
+    nobody unlock a protective stop within 5 s.
 
     clean : as of `look`: a program that runs now is another's, and may move the arm.
     """
@@ -146,15 +152,18 @@ def unexplained(before: LastSeen | None, after: ArmState, *, clean: bool) -> Rea
     host_s, controller_s = after.host_s - before.host_s, after.controller_s - before.controller_s
     if not abs(controller_s - host_s) <= CLOCKS_APART_S:  # also where one of them is no number
         return GAP_OF_CLOCKS(host_s=host_s, controller_s=controller_s)
-    if not host_s <= LONGEST_GAP_S:
-        return GAP_TOO_LONG(host_s=host_s, limit_s=LONGEST_GAP_S)
+    limit_s = LONGEST_GAP_S if history.known else UNKNOWN_GAP_S
+    if not host_s <= limit_s:
+        return GAP_TOO_LONG(host_s=host_s, limit_s=limit_s)
+    if history.found is not None:
+        return GAP_TOLD(what=history.found)
     if clean and after.runtime_state != RUNTIME_STOPPED:
         return None
-    moved = np.abs(after.q - np.array(before.q))  # (J,)
-    beyond = moved - (AT_REST_RAD + STOPS_WITHIN_S * np.abs(before.qd))  # (J,)
+    ahead = (after.q - np.array(before.q)) * np.where(np.array(before.qd) < 0.0, -1.0, 1.0)  # (J,) [rad] in the direction of the motion
+    beyond = np.maximum(-ahead, ahead - STOPS_WITHIN_S * np.abs(before.qd)) - AT_REST_RAD  # (J,)
     if not np.all(beyond <= 0.0):
         j = int(np.argmax(beyond))
-        return GAP_MOVED(joint=j + 1, moved_rad=moved[j])
+        return GAP_MOVED(joint=j + 1, moved_rad=abs(ahead[j]))
     if abs(after.payload_kg - before.payload_kg) > PAYLOAD_KG:  # not where it is not reported
         return GAP_PAYLOAD(before_kg=before.payload_kg, after_kg=after.payload_kg)
     return None
@@ -189,7 +198,12 @@ def look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: 
 
 
 def look_after(
-    driver: Driver, settings: ReplaySettings, error: ReplayAborted, should_stop: Callable[[], bool] = lambda: False
+    driver: Driver,
+    settings: ReplaySettings,
+    error: ReplayAborted,
+    *,
+    witness: Witness | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
 ) -> tuple[ReplayAborted, ArmAfter]:
     """Look at the arm that a replay left early; the same end with what is known after it, and what was seen.
 
@@ -198,7 +212,12 @@ def look_after(
     after, first = _look(driver, settings, clean=error.at_rest, should_stop=should_stop)
     if after.stop is not None:
         return error.stopped(after.stop.cause, after.stop.reason, after.unknown), after
-    gap = None if first is None else unexplained(error.last_seen, first, clean=error.at_rest)
+    if first is None:
+        return error.known(after.unknown), after
+    history, before = History(), error.last_seen
+    if before is not None and witness is not None:
+        history = witness.history(before.host_s, first.host_s, programs=not error.at_rest)
+    gap = unexplained(before, first, history, clean=error.at_rest)
     return error.known(after.unknown or gap), after
 
 

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from monitor import __version__
-from monitor.acquire.driver import Driver, ReplayTask, usual_driver
+from monitor.acquire.driver import Driver, ReplayTask, Witness, usual_driver
 from monitor.acquire.ending import end_program, how_it_ended
 from monitor.acquire.rows import columns, latency_p99_ms, recording_from_columns, tick_quality
 from monitor.acquire.safety.conditions import OF_CONFIGURATION, OF_CONTROLLER, conditions, named_conditions, refuse_unless
@@ -105,13 +105,15 @@ def replay(
     basis: BandBasis | None = None,
     caller: Caller | None = None,
     driver: Driver | None = None,
+    witness: Witness | None = None,
 ) -> Recording:
     """Move to the start, play every repetition once, and come back; the recording has the rows of the play alone, one a tick.
 
     context : what the caller knows of the arm; what the controller says of itself is added to it. installation : what the configuration
     says of the controller's installation and of the drives. last : how the motion before this one ended; None: there was none. basis : what
     was learnt for the torque band, which ends the motion; None: nothing was. caller : whom to ask and to tell meanwhile; None: nobody.
-    The calling thread blocks until the arm is back, and must not end before.
+    witness : of what happens to the arm, which begins here; None: there is none. The calling thread blocks until the arm is back, and must
+    not end before.
 
     Where `settings.lent`, the arm is borrowed from the program that plays: the call waits at most `wait_s` for the program's node, in the
     phase `node` of the progress, takes the arm at the first node at which every condition holds, brings it back to within 1 mrad of where
@@ -152,6 +154,8 @@ def replay(
         questions += (remote_control_kept(lambda: driver.remote_control(settings.host)),)
     oversight = Oversight(questions, playing_program=lambda: driver.playing_program(settings.host))
     watch = Watch(settings, identity, gate, caller, oversight)
+    if witness is not None:
+        witness.begin()
     session = driver.stream(task)
     try:
         watch.follow(session)
@@ -159,13 +163,13 @@ def replay(
         # also when a callback raised: first the session, then the arm, then the exception
         oversight.cancel()
         exit_code = session.end(LEAVING_S if watch.last_word else 0.0)
-        end = end_program(watch, driver)
+        end = end_program(watch, driver, witness)
         oversight.join()
     if watch.refusal is not None and not watch.state.lent:
         raise watch.refusal
     if not watch.done:
         home_q = () if watch.arm is None else tuple(inputs.way_from(watch.arm).home_q.tolist())
-        death = driver.cause_of_death(exit_code, watch.silent_before_end_s, session.printed)
+        death = driver.cause_of_death(exit_code, watch.silent_before_end_s, session.printed, watch.call)
         raise how_it_ended(watch, driver, end, death, session.printed, home_q)
     return _recording(watch, _full_context(inputs, watch.arm), excitation)
 

@@ -31,7 +31,7 @@ WINDOW_EVERY_S = 1.0  # while it waits, so often is looked whether the arm may s
 
 HERE = "here"  # the word that says that this process still watches
 LAST_WORDS = frozenset({Event.DONE, Event.STOPPED, Event.FAILED, Event.REFUSED, Event.UNREACHABLE})
-NO_EVENTS = frozenset({"state", "alive", "waiting", "passed_by"})  # messages that leave the replay in its state
+NO_EVENTS = frozenset({"state", "alive", "calling", "waiting", "passed_by"})  # messages that leave the replay in its state
 
 
 class ReplayProgress(NamedTuple):
@@ -87,6 +87,7 @@ class Watch:
         self.rows: list[Array] = []
         self._seen: Array | None = None  # (WIDTH,) the newest row of all; None: none has come
         self.first_row_unix_s: float | None = None
+        self.call = ""  # of the maker's library, in which the session is; empty: in none
         self.last_word: dict[str, Any] | None = None  # the message after which the session ends
         self.asked: Interruption | None = None  # why a stop was asked for
         self.interruption: Interruption | None = None  # why the session was given up
@@ -245,6 +246,7 @@ class Watch:
 
     def _take(self, frame: Array | dict[str, Any]) -> None:
         self._received_at = time.monotonic()
+        self.call = frame.get("call", "") if isinstance(frame, dict) else ""
         if not isinstance(frame, dict):
             self._seen = frame
             self._alive_at = float(frame[layout_of(len(frame)).column["host_monotonic_s"]][0])

@@ -7,10 +7,11 @@ import dataclasses
 import logging
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from monitor.acquire.driver import Driver
+from monitor.acquire.driver import Driver, Witness
 from monitor.acquire.ending import look, look_after
 from monitor.acquire.replay import check, first_pass_key, replay, slowed
 from monitor.acquire.safety.gate import AskPermit
@@ -164,6 +165,10 @@ def move(
             window.given_back()
 
     def play(played: Excitation, *, slowly: bool) -> Recording:
+        with closing(chosen.witness(settings.host)) as witness:
+            return play_before(witness, played, slowly=slowly)
+
+    def play_before(witness: Witness, played: Excitation, *, slowly: bool) -> Recording:
         basis = learnt_basis(store, configuration, played, context, model, compute)
         log.info(
             "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
@@ -181,6 +186,7 @@ def move(
                 basis=basis,
                 caller=dataclasses.replace(caller, met=motion.met, begin=motion.begin, on_progress=_named(caller.on_progress, slow=slowly)),
                 driver=chosen,
+                witness=witness,
             )
         except ReplayAborted as error:
             if not error.borrowed:
@@ -188,7 +194,7 @@ def move(
             ended, after = error, None
             with_us = settings.lent is None or error.borrowed  # else the program has its arm, and moves it
             if with_us and error.moved and error.cause in ReplayAborted.HARMLESS:
-                ended, after = look_after(chosen, settings, error, caller.should_stop)
+                ended, after = look_after(chosen, settings, error, witness=witness, should_stop=caller.should_stop)
             left = left_by(ended, after, played, before)
             if error.phase:
                 ended = with_a_person(ended, left, after, condition_inputs(configuration, played, context))

@@ -203,6 +203,7 @@ FAULTS: dict[str, Fault] = {
     "stuck": Fault(about="a joint sticks mechanically", arguments={"joint": _JOINT}),
     "brake": Fault(about="the brake of one joint closes", arguments={"joint": _JOINT}),
     "watchdog_dead": Fault(about="the watchdog is acknowledged and does nothing"),
+    "never_ready": Fault(about="the control program never says that it takes a command, although it plays"),
     "clock_jump": Fault(about="the published clock jumps", arguments={"seconds": Number(-1e6, 1e6)}),
     "program_stop": Fault(about="somebody else stops the program"),
     "protective_stop": Fault(

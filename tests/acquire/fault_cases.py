@@ -142,6 +142,7 @@ HARMLESS = (
     Case("current_noise", {"factor": 10.0}, frozenset({"torque_band"}), shows_within_s=0.3, may_succeed=True, person=True),
     _case("skip", share=0.02),
     _case("obstacle", joint=2, torque=1.0),  # less than friction varies
+    _case("never_ready"),  # targets are taken without it
     _case("watchdog_dead"),  # it was tested before the motion, and nothing asks it to act
     Case("foreign_program", {"when": "after_ours", "delay": 0.15, "seconds": 1.0}, theirs=True),
     _case("payload_changed", kg=0.0, x=0.1),  # conditions before a motion compare it, and the motion itself is the same
@@ -251,16 +252,21 @@ def _run_once(case: Case, at_s: float, excitation: Excitation, robot: Robot, set
                 remote.fault(case.name, **case.arguments)
 
     cause, recording, person, reported_s = None, None, False, None
+    driver = usual_driver()
+    witness = driver.witness(host)
     try:
-        recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress))
+        caller = Caller(on_progress=on_progress)
+        recording = replay(excitation, robot, settings, context=Context(payload_kg=0.0), caller=caller, witness=witness)
     except RobotUnreachable:
         cause = "stalled"  # before it moved
     except ReplayAborted as error:
         cause, reported_s = error.cause, time.monotonic() - fault["at"] if fault else None
         if case.person is not None:  # as the service judges an end: after a look at the arm
-            person = look_after(usual_driver(), settings, error)[0].needs_a_person
+            person = look_after(driver, settings, error, witness=witness)[0].needs_a_person
         if "DID NOT CONFIRM" in str(error) and case.name not in {"restart", "freeze", "mute", "power_cut", "foreign_program"}:
             wrong.append("the stop was not confirmed")
+    finally:
+        witness.close()
     if fault and reported_s is None:
         reported_s = time.monotonic() - fault["at"]
     if children():

@@ -21,7 +21,7 @@ LATER_S = 1.2  # a watchdog or a thread that was left behind would have stopped 
 PHASES = ("node", "approach", "play", "return", "settle", "finish")  # `settle`: after the return; in `finish` the arm is given back
 PARENT = """
 import sys
-sys.path[:0] = [sys.argv[2]]
+sys.path[:0] = sys.argv[2].split(':')
 from excitations import short
 from lending_cell import settings
 from monitor.acquire.replay import replay
@@ -121,7 +121,7 @@ def run_fault(cell: Cell, fault: Fault, phase: str, delay_s: float, robot: str, 
     if local and "pendant" not in fault.name:
         cell.fault("remote", state="off")
     before, wrong = cell.truth, []
-    command = [sys.executable, "-c", PARENT, cell.host, str(ROOT / "tests" / "acquire"), robot]
+    command = [sys.executable, "-c", PARENT, cell.host, f"{ROOT / 'tests' / 'acquire'}:{ROOT / 'tests'}", robot]
     parent = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
     try:
         early = _until(parent, phase)

@@ -150,8 +150,8 @@ class ScriptedDriver:
         self.task = task
         return self.session
 
-    def cause_of_death(self, exit_code, silent_s, printed):
-        return cause_of_death(exit_code, silent_s, printed)
+    def cause_of_death(self, exit_code, silent_s, printed, call):
+        return cause_of_death(exit_code, silent_s, printed, call)
 
     def safety_stop(self, host):
         return self.stop

@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from collections import Counter
+from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +18,8 @@ from hypothesis import strategies as st
 from simulated_arm import simulated_arm
 from test_guard import ready_state
 
-from monitor.acquire.driver import usual_driver
-from monitor.acquire.ending import CLOCKS_APART_S, LONGEST_GAP_S, look_after, unexplained
+from monitor.acquire.driver import History, usual_driver
+from monitor.acquire.ending import CLOCKS_APART_S, LONGEST_GAP_S, NO_CONNECTION, STOPS_WITHIN_S, UNKNOWN_GAP_S, look_after, unexplained
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import ReplaySettings
 from monitor.acquire.ur.dashboard import Dashboard
@@ -43,8 +44,11 @@ def seen(gap_s, *, clock_s=0.0, moved_rad=0.0, speed_rad_s=0.0, payload_kg=AFTER
     return LastSeen(AFTER.host_s - gap_s, AFTER.controller_s - gap_s - clock_s, tuple(q), (speed_rad_s,) * len(q), payload_kg)
 
 
-def code(before, *, clean=False, after=AFTER):
-    found = unexplained(before, after, clean=clean)
+TOLD = History(known=True)  # and nothing speaks against it
+
+
+def code(before, *, clean=False, after=AFTER, history=TOLD):
+    found = unexplained(before, after, history, clean=clean)
     return None if found is None else found.code
 
 
@@ -55,7 +59,7 @@ def code(before, *, clean=False, after=AFTER):
     st.floats(0.0, 1.0),
 )
 def test_a_short_gap_in_which_the_arm_came_to_rest_is_explained(gap_s, clock_s, speed_rad_s, share):
-    assert code(seen(gap_s, clock_s=clock_s, moved_rad=share * 0.5 * speed_rad_s, speed_rad_s=speed_rad_s)) is None
+    assert code(seen(gap_s, clock_s=clock_s, moved_rad=share * STOPS_WITHIN_S * speed_rad_s, speed_rad_s=speed_rad_s)) is None
 
 
 @given(st.floats(0.0, 1e4), st.floats(CLOCKS_APART_S + 1e-6, 1e5), st.sampled_from([-1.0, 1.0]))
@@ -75,6 +79,13 @@ def test_an_arm_that_was_never_seen_or_is_elsewhere_or_carries_another_load_is_l
     assert code(seen(0.3, moved_rad=float("nan"))) == "gap_moved"
     assert code(seen(0.3, payload_kg=1.0), after=replace(AFTER, payload_kg=1.5)) == "gap_payload"
     assert code(seen(0.3), after=replace(AFTER, controller_s=float("nan"))) == "gap_of_clocks"
+
+
+def test_what_the_robot_does_not_tell_of_must_be_shorter_and_what_it_tells_asks_for_a_person():
+    assert code(seen(UNKNOWN_GAP_S - 0.01), history=History()) is None
+    assert code(seen(UNKNOWN_GAP_S + 0.01), history=History()) == "gap_too_long"
+    assert code(seen(0.3), history=History(known=True, found=NO_CONNECTION(host="x", why="y"))) == "gap_told"
+    assert code(seen(0.3), history=History(known=False, found=NO_CONNECTION(host="x", why="y"))) == "gap_told"
 
 
 def test_a_program_that_took_over_an_arm_that_was_seen_at_rest_may_move_it():
@@ -134,7 +145,7 @@ def happen(hole: Hole, controller: str) -> None:
                 remote.fault("foreign_program", when="now", seconds=hole.gap_s / 2)
             case "jog":
                 remote.fault("program_stop")
-                q = np.array(remote.truth()["q"]) + 0.1
+                q = np.array(remote.truth()["q"]) + 0.3
                 script(controller, f"movej({q.tolist()}, a=3.0, v=1.0)")
             case "payload":
                 remote.fault("payload_changed", kg=1.0)
@@ -161,13 +172,15 @@ def run(hole: Hole, host: str, controller: str, proxy: CuttingProxy) -> ReplayAb
 
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
     ended: ReplayAborted | None = None
-    try:
-        replay(QUICK, UR5, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress))
-    except RobotUnreachable:
-        pass
-    except ReplayAborted as error:
-        if acting or error.cause not in DISTURBED:
-            ended, _ = look_after(usual_driver(), settings, error)
+    driver = usual_driver()
+    with closing(driver.witness(host)) as witness:
+        try:
+            replay(QUICK, UR5, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress), witness=witness)
+        except RobotUnreachable:
+            pass
+        except ReplayAborted as error:
+            if acting or error.cause not in DISTURBED:
+                ended, _ = look_after(driver, settings, error, witness=witness)
     if acting:
         acting[0].join()
         return ended
@@ -198,7 +211,7 @@ def holes(rng: random.Random, count: int) -> list[Hole]:
 def played(address: str, count: int, seed: int, personality: str) -> tuple[list[str], Counter[str]]:
     rng, said, causes = random.Random(seed), [], Counter()
     controller, host = f"127.0.{address}", f"127.1.{address}"
-    with simulated_arm(controller, "--seed", str(seed), "--personality", personality) as _, cutting_proxy(host, controller) as proxy:
+    with simulated_arm(controller, "--seed", str(seed), "--personality", personality), cutting_proxy(host, controller) as proxy:
         for hole in holes(rng, count):
             restore(controller)
             stand_aside(controller, QUICK)

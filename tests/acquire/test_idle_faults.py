@@ -1,5 +1,6 @@
 """What stands against a motion before it begins: every such fault of the simulator refuses it by its condition, and nothing starts."""
 
+from contextlib import closing
 from typing import Any
 
 import pytest
@@ -7,6 +8,7 @@ from excitations import short
 from fault_cases import ATTEMPTS, DISTURBED, restore
 from simulated_arm import simulated_arm
 
+from monitor.acquire.driver import usual_driver
 from monitor.acquire.replay import replay
 from monitor.acquire.settings import Installation, ReplaySettings
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
@@ -38,7 +40,8 @@ BEFORE: tuple[tuple[str, str, dict[str, Any]], ...] = (  # the condition, and th
 def try_to_move(host: str) -> None:
     settings = ReplaySettings(host=host, allow_motion=True, first_pass=False, approach_speed_rad_s=1.0, max_approach_rad=6.0)
     installation = Installation(tcp_offset=(0.0,) * 6, payload_cog_m=PAYLOAD_COG_M)
-    replay(short(), UR5, settings, context=Context(payload_kg=PAYLOAD_KG), installation=installation)
+    with closing(usual_driver().witness(host)) as witness:
+        replay(short(), UR5, settings, context=Context(payload_kg=PAYLOAD_KG), installation=installation, witness=witness)
 
 
 def test_what_stands_against_a_motion_refuses_it_by_its_condition_and_nothing_starts():
@@ -97,3 +100,16 @@ def test_a_watchdog_that_only_says_yes_is_found_out_at_standstill():
             try_to_move(host)
         assert aborted.value.cause == "no_watchdog"
         assert not remote.truth()["motions"]
+
+
+def test_our_program_that_takes_no_command_is_stopped_and_the_call_that_blocked_is_named():
+    """ur-rtde waits for its program until its process is ended. That was told as a lack of processor time, and the program played on."""
+    with simulated_arm("127.0.2.65", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
+        remote.fault("never_ready")
+        with pytest.raises(ReplayAborted, match="setWatchdog had not returned") as aborted:
+            try_to_move(host)
+        assert aborted.value.cause == "no_control"
+        assert not aborted.value.needs_a_person, str(aborted.value)
+        truth = remote.truth()
+        assert truth["program"] is None
+        assert not truth["motions"]

@@ -1189,6 +1189,7 @@ SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator;
         "simulate/test_sim_interference.py::test_a_dead_watchdog_lets_the_program_play_on_without_targets",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
     ),
+    "never_ready": ("acquire/test_idle_faults.py::test_our_program_that_takes_no_command_is_stopped_and_the_call_that_blocked_is_named",),
     "clock_jump": (
         "simulate/test_sim_interference.py::test_the_published_clock_jumps_and_the_arm_does_not",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",

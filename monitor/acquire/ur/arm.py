@@ -138,7 +138,13 @@ class Arm:
 
         Raises RobotUnreachable, or MotionRefused where another client controls the arm.
         """
-        self.connection = Control(self.settings.host, self.settings.rate_hz, lent=lent, program=self.program)
+        self.connection = Control(
+            self.settings.host,
+            self.settings.rate_hz,
+            lent=lent,
+            program=self.program,
+            calling=lambda call: self.outbox.message("calling", call=call),
+        )
         self.note_busy()  # the constructor takes some tenths of a second
         self.control.report()
 

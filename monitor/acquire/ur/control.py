@@ -47,13 +47,17 @@ CONNECTION_BROKE_OFF = Sentence("connection_broke_off", "the RTDE connection bro
 class Control:
     """The control connection. After construction no thread of this process can open another socket."""
 
-    def __init__(self, host: str, rate_hz: float, *, lent: bool = False, program: str | None = None) -> None:
+    def __init__(
+        self, host: str, rate_hz: float, *, lent: bool = False, program: str | None = None, calling: Callable[[str], None] = lambda _: None
+    ) -> None:
         """Connect; nothing is uploaded, and no program is stopped.
 
         lent : the control loop is part of a program that plays already. program : the text that `upload` sends; None: ur-rtde's own.
+        calling : is told the name of each call that may block this process, before it is made.
+
         Raises RobotUnreachable; MotionRefused where another client controls the arm, or where new connections cannot be forbidden.
         """
-        self._host = host
+        self._host, self._calling = host, calling
         self._pause_s = STANDING_S  # from one call to the next, at most
         self._program = None if program is None else _in_memory(program)
         try:
@@ -103,7 +107,7 @@ class Control:
 
         The caller knows that no program runs, on this connection too: ur-rtde would try to stop it.
         """
-        return self._call(self._upload, STANDING_CALL_S)
+        return self._call(self._upload, STANDING_CALL_S, "reuploadScript")
 
     def _upload(self) -> bool:
         if self._program is None:
@@ -117,7 +121,7 @@ class Control:
 
     def set_watchdog(self, lowest_hz: float) -> bool:
         """Let the controller stop the program when it receives fewer targets; False where it does not accept that."""
-        return self._call(lambda: bool(self._rtde.setWatchdog(lowest_hz)), STANDING_CALL_S)
+        return self._call(lambda: bool(self._rtde.setWatchdog(lowest_hz)), STANDING_CALL_S, "setWatchdog")
 
     def servo(self, target: Array, tick_s: float, lookahead_s: float, gain: float) -> bool:
         """Send one target (J,) [rad]; False where the program does not take it."""
@@ -125,17 +129,19 @@ class Control:
 
     def stop_servo(self, deceleration_rad_s2: float) -> bool:
         """End the stream of targets; False where the program does not answer."""
-        return self._call(lambda: bool(self._rtde.servoStop(deceleration_rad_s2)), ENDING_CALL_S)
+        return self._call(lambda: bool(self._rtde.servoStop(deceleration_rad_s2)), ENDING_CALL_S, "servoStop")
 
     def end_program(self) -> None:
         """Ask the program to end; returns when it has ended, or when it does not."""
-        self._call(self._rtde.stopScript, ENDING_CALL_S)
+        self._call(self._rtde.stopScript, ENDING_CALL_S, "stopScript")
 
-    def _call(self, function: Callable[[], Result], limit_s: float) -> Result:
-        """The function's result. The kernel ends the process where it takes longer than limit_s.
+    def _call(self, function: Callable[[], Result], limit_s: float, name: str = "") -> Result:
+        """The function's result. The kernel ends the process where it takes longer than limit_s; `name` is told before, if any.
 
         Raises StreamFailure where ur-rtde reports that the connection is lost.
         """
+        if name:
+            self._calling(name)
         report_within(limit_s)
         try:
             result = function()

@@ -19,6 +19,7 @@ from monitor.acquire.ur.node_server import HandOverServer, answer_of
 from monitor.acquire.ur.primary import ReportedErrors
 from monitor.acquire.ur.robot_api import PORT as ROBOT_API_PORT
 from monitor.acquire.ur.rtde import Listening, observe, output_integers, rows_of, software_of
+from monitor.acquire.ur.witness import PrimaryWitness
 from monitor.errors import RobotUnreachable
 from monitor.model.robot import robot_names
 from monitor.reason import Sentence
@@ -45,12 +46,15 @@ CONNECTION_NOT_REOPENED = Sentence(
     "connection_not_reopened", "the RTDE connection broke off, and its library was kept from connecting again"
 )
 TARGET_NOT_TAKEN_IN_TIME = Sentence("target_not_taken_in_time", "the controller did not take a target in time")
+CALL_BLOCKED = Sentence(
+    "call_blocked", "ur-rtde's {call} had not returned after {silent_ms:.0f} ms: the control program does not say that it takes commands"
+)
 PROCESS_STARVED = Sentence("process_starved", "the streaming process got no processor time for {silent_ms:.0f} ms")
 PROCESS_ENDED = Sentence("process_ended", "the child process ended {how}")
 
 
-def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interruption:
-    """Why a session's process ended without a last word; it had been silent for silent_s before.
+def cause_of_death(exit_code: int, silent_s: float, printed: str = "", call: str = "") -> Interruption:
+    """Why a session's process ended without a last word; it had been silent for silent_s before, since it called `call` of ur-rtde.
 
     The process lets the kernel end it where it would open a new connection (SIGSYS), and where it does not report in time (SIGALRM).
     ur-rtde aborts it (SIGABRT) where one of its own threads meets a connection that was reset, or blocks; what it `printed` says so.
@@ -59,6 +63,8 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "") -> Interr
         return Interruption("connection_lost", CONNECTION_ABORTED())
     if exit_code == -signal.SIGSYS:
         return Interruption("connection_lost", CONNECTION_NOT_REOPENED())
+    if exit_code == -signal.SIGALRM and call:
+        return Interruption("no_control", CALL_BLOCKED(call=call, silent_ms=1000.0 * silent_s))
     if exit_code == -signal.SIGALRM and silent_s < CALL_SILENCE_S:
         return Interruption("stalled", TARGET_NOT_TAKEN_IN_TIME())
     if exit_code == -signal.SIGALRM:
@@ -265,9 +271,13 @@ class UniversalRobots:
             task = replace(task, program=control_program(task.settings.host))
         return Child("monitor.acquire.ur.stream", task)
 
-    def cause_of_death(self, exit_code: int, silent_s: float, printed: str) -> Interruption:
+    def witness(self, host: str) -> PrimaryWitness:
+        """What reads the primary port."""
+        return PrimaryWitness(host)
+
+    def cause_of_death(self, exit_code: int, silent_s: float, printed: str, call: str) -> Interruption:
         """Why a session's process ended without a last word."""
-        return cause_of_death(exit_code, silent_s, printed)
+        return cause_of_death(exit_code, silent_s, printed, call)
 
     def safety_stop(self, host: str) -> SafetyStop | None:
         """The stop that the controller's safety system holds; None where there is none, or where the controller does not tell."""

@@ -227,6 +227,12 @@ def _watchdog_dead(parts: Parts) -> str:
     return "the watchdog is acknowledged and does nothing"
 
 
+def _never_ready(parts: Parts) -> str:
+    parts.registers.never_ready = True
+    parts.lasts("never_ready", lambda: setattr(parts.registers, "never_ready", False))
+    return "the control program never says that it takes a command"
+
+
 def _clock_jump(parts: Parts, seconds: float) -> str:
     parts.clock.jump(seconds)
     return f"the published clock has jumped by {seconds:+g} s"
@@ -366,7 +372,18 @@ EFFECTS: dict[str, Effect] = {
     effect.__name__.removeprefix("_"): effect
     for effect in (
         *(_foreign_program, _teach_button, _speed_slider, _tcp_changed, _payload_changed, _wrist_turned, _reduced, _stuck, _brake),
-        *(_watchdog_dead, _clock_jump, _registers_in_use, _version, _not_found, _remote, _manual_mode, _digital_input, _program_stop),
+        *(
+            _watchdog_dead,
+            _never_ready,
+            _clock_jump,
+            _registers_in_use,
+            _version,
+            _not_found,
+            _remote,
+            _manual_mode,
+            _digital_input,
+            _program_stop,
+        ),
         *(_protective_stop, _safeguard_stop, _emergency_stop, _emergency_release, _temperatures_frozen, _temperature_glitch),
         *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear),
     )

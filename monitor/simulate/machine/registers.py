@@ -178,6 +178,7 @@ class Registers:
         self.output_ints, self.output_doubles = [0] * REGISTERS, [0.0] * REGISTERS
         self.outputs = Outputs()
         self.digital_inputs = 0  # bits 0–7 standard, 8–15 configurable, 16–17 tool
+        self.never_ready = False  # the control program's register never says that it takes a command
         self.odd_inputs = 0  # input packets with an unknown recipe or a wrong length
 
     def write(self, written: Recipe, values: Sequence[float]) -> bool:

@@ -97,6 +97,8 @@ class ControlProgram(Program):
         return self._machine.registers.inputs.doubles[at : at + length]
 
     def _write(self, index: int, value: int) -> None:
+        if (index, value) == (0, READY) and self._machine.registers.never_ready:
+            value = 0
         self._machine.registers.output_ints[self._int_offset + index] = value
 
     def _answer(self, command: int) -> None:
