@@ -11,7 +11,7 @@ import pytest
 from excitations import short
 from test_guard import ready_state
 
-from monitor.acquire.driver import SafetyStop, SessionEnded
+from monitor.acquire.driver import History, SafetyStop, SessionEnded
 from monitor.acquire.listen import Listener, ListenSettings, record
 from monitor.acquire.protocol import Event, Phase, State
 from monitor.acquire.replay import check, replay
@@ -127,6 +127,21 @@ class ScriptedSession:
         return self.exit_code
 
 
+class Untold:
+    """The witness of a robot that tells nothing of itself."""
+
+    ours_runs = False
+
+    def begin(self):
+        pass
+
+    def history(self, since_s, until_s, *, programs=True):
+        return History()
+
+    def close(self):
+        pass
+
+
 class ScriptedDriver:
     """A robot of another make."""
 
@@ -152,6 +167,9 @@ class ScriptedDriver:
 
     def cause_of_death(self, exit_code, silent_s, printed, call):
         return cause_of_death(exit_code, silent_s, printed, call)
+
+    def witness(self, host):
+        return Untold()
 
     def safety_stop(self, host):
         return self.stop

@@ -151,6 +151,8 @@ def ready_state(**changes) -> ArmState:
         digital_inputs=0.0,
         status_bits=1.0,
         joint_modes=(253.0,) * 6,
+        controller_s=10.1,  # soon after the rows of a scripted session
+        host_s=20.1,
     )
     return replace(state, **changes)
 

@@ -8,8 +8,9 @@ from scripted_arm import PAUSED, PLAYING, STOPPED, STOPPING, TICK_S, cause_of, r
 
 from monitor.acquire.ur.arm import SPEED_RISE_S, Arm
 from monitor.acquire.ur.failures import StreamFailure
+from monitor.acquire.ur.primary import OUR_NAME
 from monitor.acquire.ur.rtde import COLUMN
-from monitor.acquire.ur.upload import NAME, START_S
+from monitor.acquire.ur.upload import START_S
 
 
 def start_program(arm):
@@ -57,7 +58,7 @@ def test_a_program_that_moves_the_arm_before_our_first_target_is_not_ours(script
 
 def test_a_program_that_ours_replaced_without_a_pause_is_noticed_by_its_name_and_ours_is_ended(scripted):
     """The rows show one program that plays from tick 6 on; it ends only because it is asked to."""
-    arm = told(scripted, rows((STOPPED, 6), (PLAYING, 20), (STOPPED, 60)), (0.05, "welding"), (0.08, None), (0.08, NAME))
+    arm = told(scripted, rows((STOPPED, 6), (PLAYING, 20), (STOPPED, 60)), (0.05, "welding"), (0.08, None), (0.08, OUR_NAME))
     with pytest.raises(StreamFailure, match="start 'welding' again") as failure:
         start_program(arm)
     assert (failure.value.cause, failure.value.ours) == ("program_replaced", True)
@@ -70,7 +71,7 @@ def test_a_program_that_moves_the_arm_until_ours_replaces_it_is_named_too(script
     made = rows((STOPPED, 6), (PLAYING, 20), (STOPPED, 60))
     for each in made[7:10]:
         each[COLUMN["target_qd"]] = 0.2
-    arm = told(scripted, made, (0.09, "welding"), (0.1, None), (0.1, NAME))
+    arm = told(scripted, made, (0.09, "welding"), (0.1, None), (0.1, OUR_NAME))
     assert cause_of(partial(start_program, arm)) == "program_replaced"
     assert arm.control.asked == ["upload", "end_program"]
 
@@ -78,7 +79,7 @@ def test_a_program_that_moves_the_arm_until_ours_replaces_it_is_named_too(script
 @pytest.mark.parametrize(
     "messages",
     [
-        [(0.05, NAME), (0.09, None), (0.09, "welding")],  # it has taken the place of ours
+        [(0.05, OUR_NAME), (0.09, None), (0.09, "welding")],  # it has taken the place of ours
         [(0.05, "welding")],  # ours never begins
         [(0.05, "welding"), (0.09, None)],
     ],
@@ -90,12 +91,12 @@ def test_a_program_that_ours_did_not_replace_is_named_and_gets_no_command(script
         start_program(arm)
     assert (failure.value.cause, failure.value.ours, arm.taking.in_doubt) == ("no_control", False, True)
     assert arm.control.asked == ["upload"]
-    assert arm.program_sent == (messages[0][1] != NAME)  # of ours nothing is known, or that it has ended
+    assert arm.program_sent == (messages[0][1] != OUR_NAME)  # of ours nothing is known, or that it has ended
 
 
 def test_our_program_that_somebody_pauses_before_it_moves_is_known_for_ours(scripted):
     """It was told as somebody else's, stayed paused on the controller, and a person was asked."""
-    arm = told(scripted, rows((STOPPED, 6), (PLAYING, 4), (PAUSED, 60)), (0.05, NAME))
+    arm = told(scripted, rows((STOPPED, 6), (PLAYING, 4), (PAUSED, 60)), (0.05, OUR_NAME))
     with pytest.raises(StreamFailure, match="the control program is paused") as failure:
         start_program(arm)
     assert (failure.value.cause, failure.value.ours, arm.taking.in_doubt) == ("program_stopped", True, False)
@@ -104,7 +105,7 @@ def test_our_program_that_somebody_pauses_before_it_moves_is_known_for_ours(scri
 def test_a_control_program_that_fails_is_told_with_what_the_controller_says_against_it(scripted):
     """It was told as somebody else's program. Of one that cannot be read nothing begins."""
     made = rows((STOPPED, 6), (PLAYING, 3), (STOPPED, int((START_S + 1.0) / TICK_S)))
-    arm = told(scripted, made, (0.05, NAME), (0.08, None))
+    arm = told(scripted, made, (0.05, OUR_NAME), (0.08, None))
     arm.control.upload = lambda: setattr(arm.taking.messages, "mistake", "line 7, column 3: unknown variable x") or True
     with pytest.raises(StreamFailure, match="has ended; the controller says: line 7, column 3: unknown variable x") as failure:
         start_program(arm)
@@ -118,7 +119,7 @@ def test_a_control_program_that_fails_is_told_with_what_the_controller_says_agai
 def test_the_name_of_our_program_is_awaited_and_a_controller_that_tells_none_is_believed_by_its_rows(scripted):
     """A name that comes 0.2 s after the start is not missed; after 0.3 s without one nothing is awaited any more."""
     made = rows((STOPPED, 6), (PLAYING, 120))
-    arm = told(scripted, made, (0.3, NAME))
+    arm = told(scripted, made, (0.3, OUR_NAME))
     start_program(arm)
     assert arm.receive.clock.now_s >= 1000.3
     assert arm.taking.messages.open
@@ -133,8 +134,8 @@ def test_a_program_whose_name_came_before_ours_was_sent_keeps_ours_from_being_se
     assert cause_of(partial(start_program, arm)) == "no_control"
     assert arm.control.asked == []
     made = rows((STOPPED, 6), (PLAYING, 60))
-    start_program(told(scripted, made, (0.0, "welding"), (0.01, None), (0.06, NAME)))
-    start_program(told(scripted, made, (0.0, NAME), (0.06, NAME)))
+    start_program(told(scripted, made, (0.0, "welding"), (0.01, None), (0.06, OUR_NAME)))
+    start_program(told(scripted, made, (0.0, OUR_NAME), (0.06, OUR_NAME)))
 
 
 def test_a_program_that_takes_the_place_of_ours_while_the_watchdog_is_tested_is_named_and_not_stopped(scripted):

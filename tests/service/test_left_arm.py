@@ -44,6 +44,7 @@ def failed(cause: str) -> dict:
 
 def moved(configuration: Configuration, *frames, at=START, left_at=AWAY, control=True) -> tuple[ReplayAborted | None, ScriptedDriver]:
     """One motion of an arm that stands there, in a monitor of its own; how it ended, and the driver that it went through."""
+    frames = [row(2, actual_q=left_at, target_q=left_at) if isinstance(frame, np.ndarray) else frame for frame in frames]
     waiting = [*WAITING[:2], {"kind": "state", "row": row(0, actual_q=at, target_q=at).tolist()}]
     driver = ScriptedDriver(ScriptedSession(waiting, [*([phase("control")] if control else []), *frames]))
     driver.state = lambda *_: ready_state(q=left_at, target_q=left_at)

@@ -89,16 +89,30 @@ def test_a_harmless_end_is_harmless_only_where_the_arm_was_seen_in_order_after_i
             store.stops.allow("Ada", "looked", 1.0)
 
 
-def test_a_stop_that_was_not_confirmed_waits_for_a_person_unless_the_arm_is_seen_at_rest(configuration: Configuration):
-    """The dashboard was away for a moment: what RTDE shows afterwards counts."""
-    for after, waits in ((ready_state, False), (lambda: None, True)):
+def test_a_stop_that_was_not_confirmed_waits_for_a_person_also_where_the_arm_is_seen_at_rest(configuration: Configuration):
+    """Its text says: look at the arm. It said so, and the same window moved the arm again."""
+    for after in (ready_state, lambda: None):
         with Store.open(configuration.state_directory) as store:
             driver = arm(after=after)
             driver.stop_program = lambda host, ours: "not_shown"
             error = moved(configuration, store, driver)
             assert error is not None
             assert "DID NOT CONFIRM" in str(error)
-            assert bool(causes(store)) == waits == error.needs_a_person
+            assert error.needs_a_person
+            assert len(causes(store)) == 1
+            store.stops.allow("Ada", "looked", 1.0)
+
+
+def test_a_controller_that_was_restarted_in_the_gap_waits_for_a_person(configuration: Configuration):
+    """It came back with power, and the same window moved the arm a minute later."""
+    with Store.open(configuration.state_directory) as store:
+        error = moved(configuration, store, arm(LATE, after=lambda: ready_state(controller_s=3.0)))
+        assert error is not None
+        assert error.needs_a_person
+        assert "the controller's clock went on by -7.0 s" in str(error)
+        assert causes(store) == ["late"]
+        with pytest.raises(MotionRefused, match="previous_stop"):
+            moved(configuration, store, arm(DONE))
 
 
 def test_a_complete_replay_leaves_nothing_and_a_stop_after_it_waits(configuration: Configuration):

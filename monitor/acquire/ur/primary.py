@@ -158,6 +158,7 @@ KEY_MESSAGE, RUNTIME_EXCEPTION = 7, 10
 PLACE = struct.Struct(">ii")  # line and column of the script
 KEY = struct.Struct(">iiB")  # code, argument, length of the title
 STARTED, STOPPED = b"PROGRAM_XXX_STARTED", b"PROGRAM_XXX_STOPPED"
+OUR_NAME = "rtde_control"  # of ur-rtde's program, in its first line
 CONNECT_S = 0.5  # a controller answers within some milliseconds
 
 

@@ -29,10 +29,9 @@ from monitor.acquire.state import (
 )
 from monitor.acquire.ur.arm import Arm
 from monitor.acquire.ur.failures import StreamFailure, state_failure
-from monitor.acquire.ur.primary import ProgramMessages
+from monitor.acquire.ur.primary import OUR_NAME, ProgramMessages
 from monitor.reason import Reason, Sentence
 
-NAME = "rtde_control"  # of ur-rtde's program, in its first line
 ALONE_S = 0.12  # our program is watched so long after it began: one that began before it is replaced by ours within 0.11 s
 START_S = 5.0  # from the upload until the control program runs; a real controller needs some tenths of a second
 MESSAGE_S = 0.3  # a program's name comes so soon after its start; the port sends something ten times a second
@@ -111,7 +110,7 @@ class Upload:
             raise StreamFailure("no_control", FOREIGN_PROGRAM_STATE(name=program_name(runtime)))
         if control.program_runs():
             raise StreamFailure("no_control", FOREIGN_PROGRAM_STARTED())
-        if self.messages.started() and (name := self.messages.running) not in (None, NAME):
+        if self.messages.started() and (name := self.messages.running) not in (None, OUR_NAME):
             raise StreamFailure("no_control", FOREIGN_PROGRAM_NAMED(program=name))
         if not control.can_upload:  # ur-rtde would send it to nobody
             raise StreamFailure("connection_lost", PROGRAM_CONNECTION_CLOSED())
@@ -290,7 +289,7 @@ class _Beginning:
             self._names += self._upload.messages.started()
             if state.runtime_state == RUNTIME_PLAYING and self._begun_s is None:
                 self._begun_s = float(row[0])
-            if self._ours_runs and self._names == [NAME] and state.runtime_state in {RUNTIME_PAUSING, RUNTIME_PAUSED}:
+            if self._ours_runs and self._names == [OUR_NAME] and state.runtime_state in {RUNTIME_PAUSING, RUNTIME_PAUSED}:
                 name = program_name(state.runtime_state)
                 raise StreamFailure("program_stopped", PROGRAM_PAUSED(name=name))
             if (sign := self._sign_of_another(state)) is not None:
@@ -304,7 +303,7 @@ class _Beginning:
 
     def _sign_of_another(self, state: ArmState) -> StreamFailure | None:
         """Why another program than ours plays, or played until ours took its place; None where nothing says so."""
-        if self._names not in ([], [NAME]):
+        if self._names not in ([], [OUR_NAME]):
             return StreamFailure("no_control", FOREIGN_PROGRAM_BETWEEN(program=self._others), ours=False)
         if state.runtime_state == RUNTIME_PLAYING:
             moves = np.max(np.abs(state.target_qd)) > STANDSTILL_RAD_S
@@ -334,12 +333,12 @@ class _Beginning:
         self._upload.in_doubt = True
         since_s = arm.seen_at
         while self._upload.messages.open and arm.seen_at - since_s < REPLACED_S:
-            if self._names == [NAME] and self._upload.messages.running is None:
+            if self._names == [OUR_NAME] and self._upload.messages.running is None:
                 raise StreamFailure("no_control", PROGRAM_ENDED_AT_ONCE(mistake=self._mistake), ours=False)
-            if NAME in self._names and self._upload.messages.running not in (NAME, None):
+            if OUR_NAME in self._names and self._upload.messages.running not in (OUR_NAME, None):
                 arm.program_sent = False  # a controller runs one program: ours has ended
                 raise sign
-            if self._ours_runs and self._names != [NAME] and self._ended():
+            if self._ours_runs and self._names != [OUR_NAME] and self._ended():
                 text = PROGRAM_REPLACED(program=self._others)
                 raise StreamFailure("program_replaced", text)
             self._next()
@@ -369,7 +368,7 @@ class _Beginning:
     @property
     def _ours_runs(self) -> bool:
         """Whether the controller says by name that our program is the one that started last and has not ended."""
-        return self._names[-1:] == [NAME] and self._upload.messages.running == NAME
+        return self._names[-1:] == [OUR_NAME] and self._upload.messages.running == OUR_NAME
 
     @property
     def _mistake(self) -> str | Reason:
@@ -380,5 +379,5 @@ class _Beginning:
     @property
     def _others(self) -> str:
         """The names of the programs that are not ours, for a person."""
-        names = [name for name in self._names if name != NAME] or self._names[:1]
+        names = [name for name in self._names if name != OUR_NAME] or self._names[:1]
         return " and ".join(repr(name) for name in dict.fromkeys(names))

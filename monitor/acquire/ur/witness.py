@@ -18,8 +18,7 @@ import numpy as np
 from monitor.acquire.driver import History
 from monitor.acquire.state import ROBOT_MODE_RUNNING, ROBOT_MODES, STANDSTILL_RAD_S
 from monitor.acquire.ur.packages import Link, take_packages
-from monitor.acquire.ur.primary import HEAD, PORT, ROBOT_MESSAGE, ROBOT_STATE, program_message
-from monitor.acquire.ur.upload import NAME
+from monitor.acquire.ur.primary import HEAD, OUR_NAME, PORT, ROBOT_MESSAGE, ROBOT_STATE, program_message
 from monitor.reason import Reason, Sentence
 
 MODE_PACKAGE, JOINT_PACKAGE = 0, 1
@@ -91,7 +90,7 @@ class PrimaryWitness:
         states, started = list(self._states), list(self._started)
         if self._link is None or not states or not started:
             return False
-        return states[-1].runs and time.monotonic() - states[-1].at_s <= HOLE_S and started[-1][1] == NAME
+        return states[-1].runs and time.monotonic() - states[-1].at_s <= HOLE_S and started[-1][1] == OUR_NAME
 
     def history(self, since_s: float, until_s: float, *, programs: bool = True) -> History:
         """What happened between two times of this host's monotonic clock; waits up to WAIT_S for what comes late.
@@ -107,7 +106,7 @@ class PrimaryWitness:
         known = whole and float(np.max(np.diff(times))) <= HOLE_S
         found = next(against([each for each in states if each.at_s >= since_s], programs=programs), None)
         if found is None and programs:
-            names = [name for at_s, name in list(self._started) if since_s <= at_s and name != NAME]
+            names = [name for at_s, name in list(self._started) if since_s <= at_s and name != OUR_NAME]
             found = PROGRAM_MEANWHILE(program=names[0]) if names else None
         return History(known, found)
 
