@@ -4,6 +4,7 @@ A `MonitorError` is a sentence for a person: what was wrong, where, and what wou
 and ends with the error's `exit_code`. Any other exception is a defect of this software (exit code 1).
 """
 
+import errno
 from typing import NamedTuple
 
 from monitor.reason import Reason, Sentence, reason_of
@@ -189,3 +190,16 @@ class ArchiveLost(ArchiveConflict):
 
 class BusError(MonitorError):
     """The Zenoh session cannot be opened, or nobody answered: check the endpoint and the daemon."""
+
+
+def cannot_listen(where: str, number: int | None, why: str) -> MonitorError:
+    """The error of an address on which this host does not listen. `number` : the errno.
+
+    A port of another program, or of root's, is a mistake of the configuration: it stays so until a person acts. An address that is not
+    this host's may come with the network.
+    """
+    if number == errno.EADDRINUSE:
+        return BadConfiguration(f"{where}: another program listens there; end it, or name another port")
+    if number == errno.EACCES:
+        return BadConfiguration(f"{where}: this user may not listen there; name a port from 1024 on")
+    return BusError(f"{where}: cannot listen there: {why}")

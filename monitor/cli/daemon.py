@@ -38,11 +38,12 @@ def run(
 ) -> None:
     """Run the monitor of one robot until SIGTERM.
 
-    Exit 78: the configuration is wrong, or its history is of another arm or of a version before 1.0.
+    Exit 78: the configuration, or a file that it names, is wrong; another program has one of its ports; its history is of another arm or
+    of a version before 1.0.
     """
     try:
         # systemd 252 lets the main process alone read its credentials, and not ExecReload
-        configuration = load_configuration(config, secrets_needed=not only_check)
+        configuration = load_configuration(config, secrets_needed=not only_check, reads_files=True)
         if only_check:
             typer.echo(f"{configuration.path} is right")
             return

@@ -26,6 +26,7 @@ def run(config: PlantOption = None, only_check: OnlyCheckOption = False) -> None
         configuration = _loaded(config)
         configuration.expect_channel()
         if only_check:
+            configuration.check_files()
             typer.echo(f"{configuration.path or 'the default configuration'} is right; channels: {', '.join(configuration.enabled)}")
             return
         _serve(configuration)

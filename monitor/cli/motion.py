@@ -1,5 +1,6 @@
 """The commands around a motion: `check` reads conditions, `replay` moves, `record` listens, `allow` releases the arm after a stop."""
 
+import os
 import signal
 import time
 from collections.abc import Iterator
@@ -42,7 +43,8 @@ def check(config: ConfigOption, as_json: JsonOption = False) -> None:
     from monitor.service.motion import check_conditions
     from monitor.service.preflight import service_conditions
 
-    configuration = load_configuration(config)
+    by_hand = "CREDENTIALS_DIRECTORY" not in os.environ  # the service manager's, which a person has not
+    configuration = load_configuration(config, secrets_needed=not by_hand, reads_files=True)
     service = service_conditions(configuration)
     with _permit_query(configuration) as ask:
         try:

@@ -77,14 +77,14 @@ FromOption = Annotated[str | None, typer.Option("--from", help="Time, e.g. 2026-
 ToOption = Annotated[str | None, typer.Option("--to", help="Time, not included.", show_default=False)]
 
 
-def load_configuration(path: Path, *, secrets_needed: bool = True) -> "Configuration":
+def load_configuration(path: Path, *, secrets_needed: bool = True, reads_files: bool = False) -> "Configuration":
     """Read the configuration of one robot from its TOML file, or from NAME.toml of the service's folder where only a name is given.
 
-    secrets_needed : where false, credentials are not read. Raises BadConfiguration, which names every mistake.
+    secrets_needed, reads_files : as of `load`. Raises BadConfiguration, which names every mistake.
     """
     from monitor.config.load import load
 
-    return load(named_configuration(path), secrets_needed=secrets_needed)
+    return load(named_configuration(path), secrets_needed=secrets_needed, reads_files=reads_files)
 
 
 def named_configuration(path: Path) -> Path:

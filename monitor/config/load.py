@@ -15,22 +15,26 @@ from monitor.config.files import find_cell, find_excitation, find_prior
 from monitor.config.schema import Configuration, RobotSettings, assess_sections, section_classes, text_keys
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
-from monitor.errors import BadConfiguration, BadInput
+from monitor.errors import ArchiveRefused, BadConfiguration, BadInput
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, load_robot
-from monitor.publish.session import BusSettings, prefix
+from monitor.publish.session import BusSettings, check_syntax, prefix, read_as_session
 from monitor.publish.timestamps import unix_s
+from monitor.store.archive.places import FOLDER, authority_of, keys_of
 
 Made = TypeVar("Made")
 
 ETC, STATE = Path("/etc/joint-monitor"), Path("/var/lib/joint-monitor")  # of the shipped unit: NAME.toml and the history of NAME
 
 
-def load(path: Path, environment: Mapping[str, str] | None = None, *, secrets_needed: bool = True) -> Configuration:
+def load(
+    path: Path, environment: Mapping[str, str] | None = None, *, secrets_needed: bool = True, reads_files: bool = False
+) -> Configuration:
     """Read and check one configuration. Variables JOINT_MONITOR__SECTION__KEY replace values of the file.
 
-    environment : os.environ where not given. secrets_needed : where false, credentials are not read.
+    environment : os.environ where not given. secrets_needed : where false, credentials are not read. reads_files : also the files that
+    the service alone opens are read, as it will open them.
     Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
@@ -40,6 +44,8 @@ def load(path: Path, environment: Mapping[str, str] | None = None, *, secrets_ne
     if secrets_needed:
         source.take_credentials(environment.get("CREDENTIALS_DIRECTORY"))
     configuration = _from_document(source.document, path, source.mistakes)
+    if reads_files and configuration is not None:
+        _read_files(configuration, source.mistakes, secrets_needed=secrets_needed)
     source.refuse()
     assert configuration is not None  # or there would be a mistake
     return dataclasses.replace(configuration, overrides=source.overrides)
@@ -196,10 +202,24 @@ def _with_zenoh_files(bus: BusSettings | None, path: Path, mistakes: list[Mistak
     return bus
 
 
+def _read_files(configuration: Configuration, mistakes: list[Mistake], *, secrets_needed: bool) -> None:
+    """Read what the service opens later: Zenoh's configurations with their certificates, the page's token, keys of the archive."""
+    bus, page, archive = configuration.bus, configuration.page, configuration.archive
+    _checked(mistakes, ("bus", "zenoh"), lambda: read_as_session(bus.zenoh, bus.listen, secrets_needed=secrets_needed))
+    if bus.client_zenoh and os.access(bus.client_zenoh, os.R_OK, effective_ids=True):  # of the commands, which others call
+        _checked(mistakes, ("bus", "client_zenoh"), lambda: check_syntax(bus.client_zenoh))
+    if page.listen and (secrets_needed or not page.token_file.startswith(FOLDER)):
+        _checked(mistakes, ("page", "token_file"), lambda: page.token(configuration.path.parent))
+    if archive is not None:
+        if secrets_needed or not archive.keys_file.startswith(FOLDER):
+            _checked(mistakes, ("store", "recordings_keys_file"), lambda: keys_of(archive))
+        _checked(mistakes, ("store", "recordings_ca_file"), lambda: authority_of(archive))
+
+
 def _checked(mistakes: list[Mistake], key: tuple[str, ...], make: Callable[[], Made]) -> Made | None:
-    """Calls `make`. Where it raises BadInput, adds its message to `mistakes` and returns None."""
+    """Calls `make`. Where it raises BadInput or ArchiveRefused, adds its message to `mistakes` and returns None."""
     try:
         return make()
-    except BadInput as error:
+    except (BadInput, ArchiveRefused) as error:
         mistakes.append(of_key(key, str(error)))
         return None

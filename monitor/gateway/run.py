@@ -319,6 +319,7 @@ def _configured(configuration: GatewayConfiguration) -> Sequence[tuple[Make, boo
 
 def serve(configuration: GatewayConfiguration) -> None:
     """Run until SIGTERM or SIGINT. Raises BadConfiguration, StoreError."""
+    configuration.check_files()
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())

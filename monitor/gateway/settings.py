@@ -15,7 +15,7 @@ from annotated_types import Interval
 
 from monitor.errors import BadConfiguration, BadInput
 from monitor.gateway.channel import Channel, Surroundings
-from monitor.gateway.connection import Finding, needs
+from monitor.gateway.connection import Finding, believed, needs
 from monitor.gateway.mqtt import broker
 from monitor.gateway.mqtt import channel as mqtt
 from monitor.gateway.notify import people
@@ -25,6 +25,7 @@ from monitor.gateway.ros2 import channel as ros2
 from monitor.gateway.tickets import listener as tickets
 from monitor.gateway.tickets.settings import TicketSettings
 from monitor.plant.settings import OF_GATEWAY, OF_SERVICE, PlantConfiguration, PlantSettings, load_sections
+from monitor.publish.session import read_as_session
 from monitor.views.language.catalogue import LANGUAGES
 
 
@@ -36,6 +37,7 @@ class Kind(NamedTuple):
     enabled: Callable[[Any], bool]  # of the section's settings
     make: Callable[[Any, Surroundings], Sequence[Channel]]
     check: Callable[[Any, PlantConfiguration], Sequence[Finding]]  # from outside of the service; no message is sent
+    read_files: Callable[[Any, PlantConfiguration], object]  # those that the section names, as the channel reads them; raises BadInput
     owes: bool = False  # whether transitions become deliveries; else a channel shows states, and several gateways may
 
 
@@ -46,12 +48,38 @@ def _opcua(settings: opcua.OpcuaSettings, surroundings: Surroundings) -> Sequenc
     return [OpcuaChannel(settings, surroundings)]
 
 
+def _authority(section: str) -> Callable[[Any, PlantConfiguration], object]:
+    return lambda settings, plant: believed(settings.ca_file, plant.folder, section)
+
+
 CHANNELS: tuple[Kind, ...] = (
-    Kind("notify", NotifySettings, lambda settings: bool(settings.to), people.channels, people.check, owes=True),
-    Kind("tickets", TicketSettings, lambda settings: bool(settings.open_url), tickets.channels, tickets.check, owes=True),
-    Kind("mqtt", broker.MqttSettings, lambda settings: bool(settings.host), lambda *given: [mqtt.MqttChannel(*given)], broker.check),
-    Kind("opcua", opcua.OpcuaSettings, lambda settings: bool(settings.listen), _opcua, opcua.check),
-    Kind("ros2", ros2.Ros2Settings, lambda settings: bool(settings.connect), lambda *given: [ros2.Ros2Channel(*given)], ros2.check),
+    Kind("notify", NotifySettings, lambda settings: bool(settings.to), people.channels, people.check, _authority("notify"), owes=True),
+    Kind(
+        "tickets",
+        TicketSettings,
+        lambda settings: bool(settings.open_url),
+        tickets.channels,
+        tickets.check,
+        _authority("tickets"),
+        owes=True,
+    ),
+    Kind(
+        "mqtt",
+        broker.MqttSettings,
+        lambda settings: bool(settings.host),
+        lambda *given: [mqtt.MqttChannel(*given)],
+        broker.check,
+        lambda settings, plant: settings.tls and broker.tls_context(settings, plant.folder),
+    ),
+    Kind("opcua", opcua.OpcuaSettings, lambda settings: bool(settings.listen), _opcua, opcua.check, opcua.read_files),
+    Kind(
+        "ros2",
+        ros2.Ros2Settings,
+        lambda settings: bool(settings.connect),
+        lambda *given: [ros2.Ros2Channel(*given)],
+        ros2.check,
+        lambda settings, plant: read_as_session(ros2.zenoh_file(settings, plant)),
+    ),
 )
 SHORTEST_SECRET = 4  # letters; a shorter one would black out half of a message
 
@@ -106,6 +134,15 @@ class GatewayConfiguration:
         if not self.enabled:
             names = ", ".join(f"[{kind.section}]" for kind in CHANNELS)
             raise BadConfiguration(f"{self.path or 'the default configuration'}: no channel is configured; expected one of {names}")
+
+    def check_files(self) -> None:
+        """Read the files that the configuration names, as they will be used. Raises BadConfiguration."""
+        try:
+            read_as_session(self.plant.zenoh_file)
+            for kind in self.kinds:
+                kind.read_files(self.sections[kind.section], self.plant)
+        except BadInput as error:
+            raise BadConfiguration(str(error)) from None
 
     @property
     def owes(self) -> bool:

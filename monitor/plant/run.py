@@ -19,7 +19,7 @@ from monitor.plant.ingest import RUNNING, set_note
 from monitor.plant.links import Inbox, Link
 from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
-from monitor.publish.session import BusSettings, log_refusals, session_config
+from monitor.publish.session import BusSettings, log_refusals, read_as_session
 from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Plant:
     """One running plant. A context manager; `step` is called until it ends."""
 
     def __init__(self, configuration: PlantConfiguration) -> None:
-        """Raises BadConfiguration, BadInput where database or Zenoh configuration are none, BusError where its address is taken."""
+        """Raises BadConfiguration, BadInput where database or Zenoh configuration are none, else as `errors.cannot_listen`."""
         settings = configuration.plant
         self.inbox = Inbox()
         self.links: dict[str, Link] = {}
@@ -162,7 +162,7 @@ def _metrics(configuration: PlantConfiguration, database: Database) -> "MetricsS
 
 def check_files(configuration: PlantConfiguration) -> None:
     """Read the files that the configuration names. Raises BadInput where one cannot be read, or is not what it should be."""
-    session_config(mode="client", connect=configuration.plant.connect, zenoh_file=configuration.zenoh_file)
+    read_as_session(configuration.zenoh_file)
     if (users := configuration.screen.users_path(configuration.folder)) is not None:
         from monitor.plant.screen.settings import read_users_file
 

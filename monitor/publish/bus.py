@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import orjson
 import zenoh
 
-from monitor.errors import BadInput, BusError
+from monitor.errors import BadInput
 from monitor.publish import permit
 from monitor.publish.documents import Document, Error, Permit, Waiting, as_json, encoded
 from monitor.publish.registry import KINDS, PUBLISHED, Delivery, answer_kind, kind_of, takes_payload
-from monitor.publish.session import BusSettings, encoding, session_config
+from monitor.publish.session import BusSettings, encoding, not_opened, session_config
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ class Bus:
         """Open the session.
 
         answers : handlers by key below the prefix. Only a query for exactly that key reaches one: a wildcard never starts an action.
-        Raises BusError where an endpoint cannot be opened.
+        Raises as `session.not_opened`.
         """
         self._settings = settings
         self._prefix = key_prefix
@@ -76,7 +76,7 @@ class Bus:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            raise BusError(f"Zenoh cannot open {', '.join(settings.listen) or 'a session'}: {str(error).split(' at /')[0]}") from None
+            raise not_opened(error, settings.listen) from None
         self._inbox: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()  # likewise; `_hand_over` limits it
         self._queryable = self._session.declare_queryable(f"{key_prefix}/**", self._hand_over, complete=True)
         self._alive = self._session.liveliness().declare_token(f"{key_prefix}/alive/monitor")

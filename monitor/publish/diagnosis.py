@@ -8,11 +8,11 @@ import json
 import socket
 import ssl
 from dataclasses import dataclass
-from typing import Any
 
 import zenoh
 
-from monitor.publish.session import session_config
+from monitor.errors import BadInput
+from monitor.publish.session import session_config, setting, tls_context
 
 TCP, TLS = "tcp", "tls"
 READ_S = 0.5  # [s] in TLS 1.3 the refusal of our certificate comes after the handshake
@@ -94,21 +94,12 @@ def _somebody_listens(host: str, port: int, timeout_s: float) -> None:
 
 def _tls_both_ways(config: zenoh.Config, host: str, port: int, timeout_s: float) -> None:
     """The handshake that Zenoh would make, with the same files."""
-    settings = _setting(config, "transport/link/tls")
-    authority, certificate, key = (settings.get(name) for name in ("root_ca_certificate", "connect_certificate", "connect_private_key"))
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.check_hostname = settings.get("verify_name_on_connect") is not False
+    settings = setting(config, "transport/link/tls")
+    authority, certificate = (settings.get(name) for name in ("root_ca_certificate", "connect_certificate"))
     try:
-        if authority:
-            context.load_verify_locations(authority)
-        else:
-            context.load_default_certs()
-        if certificate and key:
-            context.load_cert_chain(certificate, key)
-    except (OSError, ssl.SSLError) as error:
-        files = ", ".join(str(name) for name in (authority, certificate, key) if name)
-        why = error.strerror if isinstance(error, FileNotFoundError | PermissionError) else str(error)
-        raise _Failed("certificate_files", f"certificates or key cannot be read ({why}): {files}") from None
+        context = tls_context(config)
+    except BadInput as error:
+        raise _Failed("certificate_files", str(error)) from None
     try:
         with (
             socket.create_connection((host, port), timeout=timeout_s) as plain,
@@ -151,7 +142,7 @@ def _refused(error: ssl.SSLError, certificate: str | None) -> _Failed:
 
 def _session(config: zenoh.Config, protocol: str, endpoint: str, key_prefix: str, *, answers: bool, timeout_s: float) -> str:
     config.insert_json5("connect/timeout_ms", json.dumps(int(1000 * timeout_s)))
-    user = _setting(config, "transport/auth/usrpwd").get("user")
+    user = setting(config, "transport/auth/usrpwd").get("user")
     try:
         session = zenoh.open(config)
     except zenoh.ZError:
@@ -200,8 +191,3 @@ def _speaks_tls(host: str, port: int, timeout_s: float) -> bool:
             return True
     except (OSError, ssl.SSLError):
         return False
-
-
-def _setting(config: zenoh.Config, key: str) -> dict[str, Any]:
-    found = json.loads(config.get_json(key))
-    return found if isinstance(found, dict) else {}

@@ -12,7 +12,7 @@ from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from monitor.errors import BusError
+from monitor.errors import cannot_listen
 from monitor.judge.alerts.health import STATES
 from monitor.judge.inspection import MUST_BE_MADE
 from monitor.publish.documents import Alert, Document, Friction, FromProduction, Health, Info, Inspection, Monitor
@@ -83,14 +83,14 @@ class MetricsServer:
     """A small HTTP server in a thread of its own. A context manager."""
 
     def __init__(self, settings: MetricsSettings, collected: Callable[[], Iterable[Metric]]) -> None:
-        """Serve what `collected` returns, e.g. the `families` of the bus's last values. Raises BusError where the port is taken."""
+        """Serve what `collected` returns, e.g. the `families` of the bus's last values. Raises as `cannot_listen`."""
         registry = CollectorRegistry()
         registry.register(Families(collected))
         host, port = settings.address()
         try:
             self._server, self._thread = start_http_server(port, addr=host, registry=registry)
         except OSError as error:
-            raise BusError(f"metrics: cannot listen on {settings.listen}: {error.strerror}") from None
+            raise cannot_listen(f"metrics: {settings.listen}", error.errno, str(error.strerror)) from None
         log.info("metrics on http://%s/metrics", settings.listen)
 
     def __enter__(self) -> "MetricsServer":

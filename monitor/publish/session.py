@@ -1,8 +1,10 @@
 """Where the daemon is met: Zenoh sessions, the keys of one robot, credentials, a document's encoding, and the address for Prometheus."""
 
+import difflib
 import json
 import os
 import re
+import ssl
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from monitor.errors import BadInput
+from monitor.errors import BadInput, MonitorError, cannot_listen
 
 ROOT = "joint-monitor/v1"
 PATIENCE_US = 500_000  # [µs] a client that is megabytes behind is waited for, then disconnected; it may connect again
@@ -19,6 +21,18 @@ _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_befo
 _ID = re.compile(r"[a-z0-9_-]+\Z")
 _OF_HOST = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?:[^?#]*:(\d{1,5})(?=[?#]|\Z))?")  # protocols whose address ends with a port
 MOST_PORT = 65535
+RENAMED = {  # keys of Zenoh's configuration that version 1.0 renamed: eclipse-zenoh/zenoh, pull requests 1200 and 1503
+    **{f"server_{what}": f"listen_{what}" for what in ("certificate", "private_key", "certificate_base64", "private_key_base64")},
+    **{f"client_{what}": f"connect_{what}" for what in ("certificate", "private_key", "certificate_base64", "private_key_base64")},
+    "client_auth": "enable_mtls",
+    "server_name_verification": "verify_name_on_connect",
+    "wait_before_drop": "drop/wait_before_drop",
+    "actions": "messages",
+    "get": "query",
+}
+_TLS_FILES = ("root_ca_certificate", *(f"{side}_{what}" for side in ("listen", "connect") for what in ("certificate", "private_key")))
+_UNKNOWN = re.compile(r"unknown (field|variant) `([^`]*)`")
+_ERRNO = re.compile(r"\(os error (\d+)\)")  # Rust's name for it
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws|unixsock-stream|unixpipe|serial|vsock)/[^\s?#]+\S*\Z")
 
 
@@ -92,9 +106,86 @@ def session_config(
     return config
 
 
+def read_as_session(zenoh_file: str, listen: tuple[str, ...] = (), *, secrets_needed: bool = True) -> None:
+    """Read a Zenoh configuration, and every file that it names, as a session does: one is opened at spare addresses, and closed.
+
+    listen : endpoints, of which the protocols count. secrets_needed : where false, credentials and a text that asks for them are left out.
+    Raises BadInput where Zenoh would refuse one of them.
+    """
+    spare = tuple(re.sub(r"/[^?#]*", "/127.0.0.1:0", endpoint, count=1) for endpoint in listen if _OF_HOST.match(endpoint))
+    if zenoh_file and not secrets_needed and ASKS in _text(zenoh_file):
+        check_syntax(zenoh_file)
+        return
+    config = session_config(mode="peer", listen=spare, zenoh_file=zenoh_file)
+    where = f"{zenoh_file}: " if zenoh_file else ""
+    try:
+        tls_context(config)
+    except BadInput as error:
+        raise BadInput(f"{where}{error}") from None
+    try:
+        zenoh.open(config).close()
+    except zenoh.ZError as error:
+        raise BadInput(f"{where}{_said(error)}") from None
+
+
+def check_syntax(zenoh_file: str) -> None:
+    """Read a Zenoh configuration without the credentials that it asks for. Raises BadInput."""
+    _parsed(zenoh_file, re.sub(r"\$\{CREDENTIAL[^}]*\}", "credential", _text(zenoh_file)))
+
+
+def tls_context(config: zenoh.Config) -> ssl.SSLContext:
+    """How a session with this configuration connects over TLS. Raises BadInput naming the file that cannot be read, or does not fit."""
+    settings = setting(config, "transport/link/tls")
+    files = {name: str(settings[name]) for name in _TLS_FILES if settings.get(name)}
+    for name, path in files.items():
+        try:
+            open(path, "rb").close()
+        except OSError as error:
+            raise BadInput(f"{name} {path}: cannot be read: {error.strerror}") from None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = settings.get("verify_name_on_connect") is not False
+    authority = files.get("root_ca_certificate")
+    try:
+        if authority:
+            context.load_verify_locations(authority)
+        else:
+            context.load_default_certs()
+    except ssl.SSLError as error:
+        raise BadInput(f"root_ca_certificate {authority}: holds no certificate as PEM ({error.reason})") from None
+    for side, ours in (("listen", ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)), ("connect", context)):
+        certificate, key = (files.get(f"{side}_{what}") for what in ("certificate", "private_key"))
+        try:
+            if certificate and key:
+                ours.load_cert_chain(certificate, key, password="")  # or a key with a password would be asked for at the terminal
+        except ssl.SSLError as error:
+            raise BadInput(f"{side}_certificate {certificate}, {side}_private_key {key}: are no pair as PEM ({error.reason})") from None
+    return context
+
+
+def setting(config: zenoh.Config, key: str) -> dict[str, Any]:
+    """The part of a configuration below a key."""
+    found = json.loads(config.get_json(key))
+    return found if isinstance(found, dict) else {}
+
+
+def not_opened(error: zenoh.ZError, listen: tuple[str, ...]) -> MonitorError:
+    """Zenoh's error of a session that listens. Raises nothing; the kind is that of `cannot_listen`."""
+    number = found[1] if (found := _ERRNO.search(str(error))) else None
+    where = next((endpoint for endpoint in listen if endpoint.partition("/")[2] in str(error)), ", ".join(listen) or "a session")
+    return cannot_listen(f"bus.listen: {where}", None if number is None else int(number), _said(error))
+
+
+def _said(error: zenoh.ZError) -> str:
+    """What Zenoh says, without the places in its own source."""
+    return re.sub(r" at /\S+:\d+\.?", "", str(error))
+
+
+ASKS = "${CREDENTIAL"
+
+
 def _with_credentials(path: str, text: str) -> str:
     """The text with `${CREDENTIALS_DIRECTORY}` and `${CREDENTIAL:name}` replaced. Raises BadInput where a credential cannot be read."""
-    if "${CREDENTIAL" not in text:
+    if ASKS not in text:
         return text
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
     if not folder:
@@ -109,17 +200,35 @@ def _with_credentials(path: str, text: str) -> str:
     return re.sub(r"\$\{CREDENTIAL:([\w.-]+)\}", secret, text.replace("${CREDENTIALS_DIRECTORY}", folder))
 
 
-def _from_file(path: str) -> zenoh.Config:
+def _text(path: str) -> str:
     try:
         with open(path, encoding="utf-8") as file:
-            text = file.read()
-    except (OSError, UnicodeDecodeError) as error:
+            return file.read()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
-    text = _with_credentials(path, text)
+
+
+def _from_file(path: str) -> zenoh.Config:
+    return _parsed(path, _with_credentials(path, _text(path)))
+
+
+def _parsed(path: str, text: str) -> zenoh.Config:
     try:
         return zenoh.Config.from_json5(text)
     except zenoh.ZError as error:
-        raise BadInput(f"{path}: is no Zenoh configuration: {str(error).split(' at /')[0]}") from None
+        said = _said(error)
+    if (unknown := _UNKNOWN.search(said)) is None:
+        raise BadInput(f"{path}: is no Zenoh configuration: {said}")
+    what, word = {"field": "key", "variant": "word"}[unknown[1]], unknown[2]
+    known = re.findall(r"`([^`]*)`", said[unknown.end() :])
+    near = difflib.get_close_matches(word, known, n=1)
+    if RENAMED.get(word, "").split("/")[0] in known:
+        right = f"it is now {RENAMED[word]}"
+    else:
+        right = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
+    raise BadInput(f"{path}: is no Zenoh configuration: unknown {what} {word!r}; {right}")
 
 
 # a router that does not answer is the problem `router`, in our words and in our log

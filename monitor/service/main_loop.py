@@ -40,7 +40,7 @@ class Reloader:
         """Read the file once more. A mistake in it is logged, and the settings in force stay."""
         reloading()
         try:
-            found = reloaded(self._monitor.configuration, load(self._monitor.configuration.path))
+            found = reloaded(self._monitor.configuration, load(self._monitor.configuration.path, reads_files=True))
         except BadConfiguration as error:
             log.error("reload refused, the old configuration stays: %s", error)
             self._keep(done=False, text=str(error))

@@ -112,7 +112,7 @@ class NodeServer:
         driver: Driver | None = None,
         make: Callable[[str], NodeText] | None = None,
     ) -> None:
-        """Listen. Raises BadInput where the port is in use. make : of the text; None: as the driver's controller says."""
+        """Listen. Raises as `errors.cannot_listen`. make : of the text; None: as the driver's controller says."""
         self._host, self._directory, self._problems, self._driver = host, directory, problems, driver or usual_driver()
         self._make = make or partial(node_text, driver=self._driver)
         self._node = kept(directory, self._driver)

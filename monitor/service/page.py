@@ -26,7 +26,7 @@ def page(
 ) -> PageServer:
     """The server of the page, which serves while its context lasts.
 
-    Raises BusError where the address is taken, BadInput where the token cannot be read.
+    Raises as `errors.cannot_listen`, BadInput where the token cannot be read.
     """
     token = configuration.page.token(configuration.path.parent)
     content = Content(

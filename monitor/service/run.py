@@ -166,7 +166,7 @@ def _reread(configuration: Configuration) -> Configuration:
     """The configuration once more, where nothing is in force yet that would have to stay; the old one where the new one is wrong."""
     reloading()
     try:
-        found = load(configuration.path)
+        found = load(configuration.path, reads_files=True)
     except BadConfiguration as error:
         log.error("reload refused, the old configuration stays: %s", error)
         return configuration

@@ -20,8 +20,8 @@ from told_arms import NOW_UNIX_S, REPLAYED_UNIX_S, alert, arm, health, row
 
 from monitor.errors import BadInput
 from monitor.gateway.opcua.nodes import ARTICULATED_ROBOT, CONDITION, NE107, arm_nodes, motion_profile, readings
-from monitor.gateway.opcua.server import ConditionServer, NotReached, OpcuaChannel, Users, trust_store
-from monitor.gateway.opcua.settings import OpcuaSettings, check, identity
+from monitor.gateway.opcua.server import ConditionServer, NotReached, OpcuaChannel, Users
+from monitor.gateway.opcua.settings import OpcuaSettings, check, identity, trust_store
 from monitor.plant.arm import GONE
 from monitor.plant.screen.people import Role, line_of, new_user
 

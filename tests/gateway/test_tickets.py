@@ -249,7 +249,7 @@ def test_an_address_that_another_program_has_is_the_trouble_of_the_listener_alon
             plant.happens("hall/cell-1")
             plant.lives(running)
             assert list(server.tickets) == ["4711"]
-            assert "acknowledgements: acknowledgements: cannot listen on" in running.status()
+            assert "another program listens there" in running.status()
             taken.close()
             plant.lives(running)
             assert "acknowledgements: listens on" in running.status()

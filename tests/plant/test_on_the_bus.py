@@ -15,7 +15,7 @@ import zenoh
 from simulated import ALERT, BEGIN_UNIX_S, copied
 
 from monitor.config.load import from_document
-from monitor.errors import BusError
+from monitor.errors import BadConfiguration
 from monitor.plant.arm import GONE, NO_WAY
 from monitor.plant.backup import forget
 from monitor.plant.database import Database
@@ -174,7 +174,7 @@ def test_a_plant_whose_screen_cannot_listen_leaves_nothing_open(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         screen = ScreenSettings(listen=f"127.0.0.1:{taken.getsockname()[1]}")
         settings = PlantSettings(connect=("tcp/127.0.0.1:9",), database=f"sqlite:///{tmp_path / 'plant.sqlite'}")
-        with pytest.raises(BusError, match="cannot listen"):
+        with pytest.raises(BadConfiguration, match="another program listens there"):
             Plant(PlantConfiguration(path=None, plant=settings, screen=screen))
     deadline = time.monotonic() + 60.0
     while left := {thread.name for thread in set(threading.enumerate()) - before}:

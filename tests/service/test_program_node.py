@@ -20,7 +20,7 @@ from monitor.acquire.ur.driver import UniversalRobots
 from monitor.acquire.ur.node_script import BEAT, DUE, IDLE, OFFER, OFFERED, STATE, TAKE, TAKEN, VERSION
 from monitor.acquire.ur.rtde import PORT as RTDE_PORT
 from monitor.config.load import load
-from monitor.errors import BadInput, RobotUnreachable
+from monitor.errors import BadConfiguration, RobotUnreachable
 from monitor.service.node import (
     NO_TEXT,
     PROBLEM,
@@ -146,7 +146,8 @@ def test_the_server_answers_while_the_controller_is_off_and_takes_another_text_w
 
 def test_a_port_in_use_is_named(tmp_path: Path, free_port: int):
     """Another External Control server on the port: the daemon does not start beside it, and says why."""
-    with socket.create_server(("127.0.0.1", free_port)), pytest.raises(BadInput, match=f"port {free_port}.*in use"):
+    taken = pytest.raises(BadConfiguration, match=f":{free_port}: another program listens there")
+    with socket.create_server(("127.0.0.1", free_port)), taken:
         NodeServer(lending(free_port), HOST, tmp_path, Problems(lambda: 0.0))
 
 

@@ -15,7 +15,7 @@ import pytest
 from lived_monitor import DAY_S, FIRST_UNIX_S, configuration, grow, monitor
 from published import raw
 
-from monitor.errors import BadConfiguration, BadInput, BusError
+from monitor.errors import BadConfiguration, BadInput
 from monitor.publish.documents import as_json
 from monitor.publish.registry import KINDS
 from monitor.views.web.app import COMMANDS, STATIC
@@ -349,7 +349,8 @@ def test_settings_that_open_the_page_to_everybody_are_refused(tmp_path):
         configuration(tmp_path, "0.0.0.0:8420")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         settings = configuration(tmp_path, f"127.0.0.1:{taken.getsockname()[1]}")
-        with pytest.raises(BusError, match="cannot listen"), monitor(tmp_path, days=0, settings=settings, moving=False):
+        refused = pytest.raises(BadConfiguration, match="another program listens there")
+        with refused, monitor(tmp_path, days=0, settings=settings, moving=False):
             pass
 
 

@@ -6,7 +6,7 @@ import socket
 import socketserver
 import threading
 
-from monitor.errors import BadInput
+from monitor.errors import cannot_listen
 
 log = logging.getLogger(__name__)
 
@@ -56,11 +56,11 @@ class HandOverServer:
     """Serves a text as long as it is open. Use it as a context."""
 
     def __init__(self, text: str, *, bind: str, port: int = PORT) -> None:
-        """Listen. Raises BadInput where the address cannot be bound."""
+        """Listen. Raises as `cannot_listen`."""
         try:
             self._server = _Server((bind, port), _Handler)
         except OSError as wrong:
-            raise BadInput(f"hand_over: port {port} on {bind}: {wrong.strerror}; is another External Control server running?") from None
+            raise cannot_listen(f"replay.hand_over_listen: {bind}:{port}", wrong.errno, str(wrong.strerror)) from None
         self._server.text = text
         self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.1}, name="hand-over", daemon=True)
         self._thread.start()

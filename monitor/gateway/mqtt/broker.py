@@ -135,7 +135,7 @@ class Broker:
         if settings.user:
             self._client.username_pw_set(settings.user, settings.password or None)
         if settings.tls:
-            self._client.tls_set_context(_tls_context(settings, folder))
+            self._client.tls_set_context(tls_context(settings, folder))
         if not suffix:
             self._client.will_set(gateway(settings.root), OFFLINE, QOS, retain=True)
         self._client.on_connect, self._client.on_disconnect = self._on_connect, self._on_disconnect
@@ -313,7 +313,7 @@ def _try_rights(settings: MqttSettings, broker: Broker, steps: Steps) -> None:
     steps.say("authorisation", f"we may hear {', '.join(topics)} and publish below {settings.root}{unsure}")
 
 
-def _tls_context(settings: MqttSettings, folder: Path) -> ssl.SSLContext:
+def tls_context(settings: MqttSettings, folder: Path) -> ssl.SSLContext:
     """What the broker must show, and what we show. Raises BadInput naming a file that cannot be read."""
     context = believed(settings.ca_file, folder, "mqtt")
     if settings.cert_file:

@@ -31,7 +31,7 @@ from monitor.errors import BadInput
 from monitor.gateway.channel import Surroundings
 from monitor.gateway.connection import NotReached
 from monitor.gateway.opcua.address_space import AddressSpace
-from monitor.gateway.opcua.settings import Identity, OpcuaSettings, ensure, expect_free, identity, users_of
+from monitor.gateway.opcua.settings import Identity, OpcuaSettings, ensure, expect_free, identity, trust_store, users_of
 from monitor.gateway.values import Delivery, Transition
 from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.screen.people import User as Person
@@ -134,21 +134,6 @@ class Users:
             return
         self._users = users_of(self._file)
         self._seen = (about.st_mtime_ns, about.st_size)
-
-
-async def trust_store(settings: OpcuaSettings, folder: Path) -> TrustStore | None:
-    """The certificates that clients must show; None: any. Raises BadInput."""
-    if not settings.trusted_clients:
-        return None
-    place = folder / settings.trusted_clients
-    if not place.is_dir():
-        raise BadInput(f"opcua: trusted_clients {place}: is no folder")
-    store = TrustStore([place], [])
-    try:
-        await store.load()
-    except (OSError, ValueError) as error:
-        raise BadInput(f"opcua: trusted_clients {place}: expected certificates there, *.der or *.pem: {error}") from None
-    return store
 
 
 # --- The server and its thread

@@ -1,5 +1,6 @@
 """The section [opcua], the server's own certificate, who may sign in, and what `gateway check` says of them. I/O."""
 
+import asyncio
 import errno
 import ipaddress
 import os
@@ -20,6 +21,7 @@ from monitor.plant.screen.people import User, read_users
 from monitor.plant.settings import PlantConfiguration
 
 if TYPE_CHECKING:
+    from asyncua.crypto.truststore import TrustStore
     from cryptography.x509 import Certificate, GeneralName
 
 PATH = "/joint-monitor"  # of the endpoint's address
@@ -156,6 +158,45 @@ def users_of(path: Path) -> dict[str, User]:
         return read_users(path.read_text("utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"opcua: users_file {path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+
+
+def read_files(settings: OpcuaSettings, plant: PlantConfiguration) -> None:
+    """Read users, our own certificate with its key, and those that clients must show. Raises BadInput."""
+    needs("asyncua", "opcua: a server")
+    if settings.users_file:
+        users_of(plant.folder / settings.users_file)
+    who = identity(settings, plant.folder, plant.directory)
+    if not who.own:
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+        certificate = load(who.certificate)
+        try:
+            key = load_pem_private_key(who.key.read_bytes(), None)
+        except OSError as error:
+            raise BadInput(f"opcua: {who.key}: cannot be read: {error.strerror}") from None
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"opcua: {who.key}: holds no key as PEM: {error}") from None
+        if key.public_key() != certificate.public_key():
+            raise BadInput(f"opcua: {who.key}: is not the key of {who.certificate}")
+    if settings.trusted_clients:
+        asyncio.run(trust_store(settings, plant.folder))
+
+
+async def trust_store(settings: OpcuaSettings, folder: Path) -> "TrustStore | None":
+    """The certificates that clients must show; None: any. Raises BadInput."""
+    if not settings.trusted_clients:
+        return None
+    from asyncua.crypto.truststore import TrustStore
+
+    place = folder / settings.trusted_clients
+    if not place.is_dir():
+        raise BadInput(f"opcua: trusted_clients {place}: is no folder")
+    store = TrustStore([place], [])
+    try:
+        await store.load()
+    except (OSError, ValueError) as error:
+        raise BadInput(f"opcua: trusted_clients {place}: expected certificates there, *.der or *.pem: {error}") from None
+    return store
 
 
 def expect_free(settings: OpcuaSettings) -> None:

@@ -58,12 +58,15 @@ class Ros2Settings:
             raise BadInput(f'ros2: topic = {self.topic!r}; expected the whole name of a topic, e.g. "/diagnostics"')
 
 
+def zenoh_file(settings: Ros2Settings, plant: PlantConfiguration) -> str:
+    """The absolute path of the Zenoh configuration; empty: there is none."""
+    return str(plant.folder / settings.zenoh) if settings.zenoh else ""
+
+
 def opened(settings: Ros2Settings, plant: PlantConfiguration, steps: Steps) -> zenoh.Session:
     """A session with the router of the ROS 2 nodes. Raises NotReached, BadInput for a wrong file, BadConfiguration without rosbags."""
     needs("rosbags", "[ros2]: messages of ROS 2")
-    config = session_config(
-        mode="client", connect=(settings.connect,), zenoh_file=str(plant.folder / settings.zenoh) if settings.zenoh else ""
-    )
+    config = session_config(mode="client", connect=(settings.connect,), zenoh_file=zenoh_file(settings, plant))
     config.insert_json5("connect/timeout_ms", json.dumps(CONNECT_MS))
     at = re.match(r"(?:tcp|tls)/(?:\[(.+)\]|([^:]+)):(\d+)", settings.connect)  # other protocols are Zenoh's alone to try
     if at:

@@ -69,7 +69,7 @@ class Listener:
         return ()
 
     def step(self, now_unix_s: float) -> float:  # noqa: ARG002 - of Channel
-        """The first one begins to serve; the server has threads of its own. Raises BusError where the address is taken."""
+        """The first one begins to serve; the server has threads of its own. Raises as `errors.cannot_listen`."""
         if self._server is None:
             server = WebServer(self._settings.listen, *address_of(self._settings.listen, "tickets"), "acknowledgements")
             server.serve(Starlette(routes=[Route(PATH, self._acknowledge, methods=["POST"])]), threading.Event())

@@ -237,7 +237,7 @@ class ScreenServer(WebServer):
     def __init__(self, settings: ScreenSettings, folder: Path, database: Database, ways: Ways) -> None:
         """Begin to serve. folder : from which relative names of files start.
 
-        Raises BusError where the address is taken, BadInput where the file of users cannot be read.
+        Raises as `errors.cannot_listen`, BadInput where the file of users cannot be read.
         """
         host, port = settings.address()
         super().__init__(settings.listen, host, port, "screen")

@@ -4,6 +4,7 @@ import configparser
 import errno
 import os
 import re
+import ssl
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -120,6 +121,16 @@ def keys_of(settings: ArchiveSettings) -> Keys | None:
         raise ArchiveRefused(
             f"{path}: holds no keys; expected three lines: [default], aws_access_key_id = …, aws_secret_access_key = …"
         ) from None
+
+
+def authority_of(settings: ArchiveSettings) -> None:
+    """Read the certificate of the server's authority. Raises ArchiveRefused where the file has none."""
+    try:
+        if settings.ca_file:
+            ssl.create_default_context(cafile=settings.ca_file)
+    except OSError as wrong:  # ssl.SSLError is one
+        why = "holds no certificate as PEM" if isinstance(wrong, ssl.SSLError) else f"cannot be read: {wrong.strerror}"
+        raise ArchiveRefused(f"{settings.ca_file}: {why}") from None
 
 
 class Place(Protocol):

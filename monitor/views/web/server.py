@@ -9,7 +9,7 @@ import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from monitor.errors import BusError
+from monitor.errors import cannot_listen
 from monitor.views.web.access import Access, local_hosts
 from monitor.views.web.app import PageApp
 from monitor.views.web.page_content import PageContent
@@ -30,13 +30,13 @@ class WebServer:
     """Serves one application in a thread of its own. A context manager; `serve` begins, the context's end ends it."""
 
     def __init__(self, listen: str, host: str, port: int, what: str) -> None:
-        """Take the address. `listen` and `what` are named in messages. Raises BusError where the address is taken."""
+        """Take the address. `listen` and `what` are named in messages. Raises as `cannot_listen`."""
         self._what = what
         try:
             family = socket.AF_INET6 if ":" in host else socket.AF_INET
             self._socket = socket.create_server((host, port), family=family, backlog=BACKLOG)
         except OSError as error:
-            raise BusError(f"{what}: cannot listen on {listen}: {error.strerror}") from None
+            raise cannot_listen(f"{what}: {listen}", error.errno, str(error.strerror)) from None
         # asyncio sets it only for a socket that was made with IPPROTO_TCP; without it each answer waits 40 ms for an acknowledgement
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.port = int(self._socket.getsockname()[1])
@@ -92,7 +92,7 @@ class PageServer(WebServer):
     def __init__(self, settings: PageSettings, content: PageContent, token: str | None = None) -> None:
         """Begin to serve. token : what a browser must enter; None serves everybody who reaches the page.
 
-        Raises BusError where the address is taken.
+        Raises as `cannot_listen`.
         """
         host, port = settings.address()
         super().__init__(settings.listen, host, port, "page")
