@@ -32,7 +32,8 @@ One TOML file describes one robot. It needs `model`, `site` and `id` of `[robot]
 [`config/monitor.toml`](../config/monitor.toml) is the same list as a file to copy from.
 
 - An unknown key, a wrong type, a value outside its range, or a mistake in a file that a key names is refused. All mistakes are printed at
-  once, each with its line, and `joint-monitor run` ends with exit code 78. `joint-monitor check --config FILE` reads the file without starting anything.
+  once, each with its line, and `joint-monitor run` ends with exit code 78. `joint-monitor check --config FILE` reads the file without
+  starting anything.
 - An environment variable replaces a key: `JOINT_MONITOR__SCHEDULE__CRON="0 4 * * *"` replaces `cron` of `[schedule]`.
 - `"credential:NAME"` as a value reads a secret that the service manager provides.
 - Paths are relative to the configuration file.
