@@ -204,7 +204,7 @@ def holes(rng: random.Random, count: int) -> list[Hole]:
     made = []
     for n in range(count):
         what, phase = kinds[n % len(kinds)]
-        made.append(Hole(what, phase, rng.uniform(0.02, PHASES[phase]), rng.choice((rng.uniform(0.3, 2.0), rng.uniform(2.1, 9.0)))))
+        made.append(Hole(what, phase, rng.uniform(0.02, PHASES[phase]), rng.choice((rng.uniform(0.3, 2.0), rng.uniform(2.1, 5.0)))))
     return made
 
 
