@@ -32,10 +32,13 @@ def robot_api_of(version: Version) -> tuple[int, int, int] | None:
     return ROBOT_API[max(since)] if since else None
 
 
-# The first versions that know a name of URScript, or `function.parameter`; a later generation knows it from its first version on, unless
-# it has its own. As published: the manufacturer's client library 2.14 and its maintainers, and the script manual 5.25.1 (`direct_torque`).
-# A name that is not here is one of every version.
-NAMES_SINCE: dict[str, tuple[tuple[int, ...], ...]] = {
+Since = tuple[
+    tuple[int, ...], ...
+]  # the first versions that have something; a later generation has it from its first on, unless it has its own
+
+# The first versions that know a name of URScript, or `function.parameter`. As published: the manufacturer's client library 2.14 and its
+# maintainers, and the script manual 5.25.1 (`direct_torque`). A name that is not here is one of every version.
+NAMES_SINCE: dict[str, Since] = {
     "str_cat": ((3, 8),),
     "ft_rtde_input_enable": ((3, 14, 1), (5, 9, 1)),
     "set_target_payload": ((5, 10),),
@@ -50,12 +53,13 @@ NAMES_SINCE: dict[str, tuple[tuple[int, ...], ...]] = {
 @cache
 def unknown_names(version: Version) -> re.Pattern[str] | None:
     """What finds a call with a name that this version does not know, with that name as its last group; None where it knows all of them."""
-    unknown = [name.split(".") for name, since in NAMES_SINCE.items() if not _knows(version, since)]
+    unknown = [name.split(".") for name, since in NAMES_SINCE.items() if not knows(version, since)]
     calls = [rf"\b({function})\s*\(" for function, *parameter in unknown if not parameter]
     calls += [rf"\b{function}\s*\([^\n#]*\b({parameter[0]})\s*=(?!=)" for function, *parameter in unknown if parameter]
     return re.compile("|".join(calls)) if calls else None
 
 
-def _knows(version: Version, since: tuple[tuple[int, ...], ...]) -> bool:
+def knows(version: Version, since: Since) -> bool:
+    """Whether a controller of this version has what came with these."""
     first = [each for each in since if each[0] <= version.major]
     return bool(first) and version >= first[-1]

@@ -65,7 +65,7 @@ class Cell:
     robot_api: bool = False
 
     def settings(self, **others) -> ReplaySettings:
-        return settings(self.host, **{"allow_untested_software": self.robot_api, **others})
+        return settings(self.host, **others)
 
     @property
     def driver(self) -> UniversalRobots:

@@ -27,7 +27,7 @@ OPTIONS = ("--robot", "ur5e", "--robot-api-port", str(PORT))
 
 def checked(host):
     """What `check` finds of every condition."""
-    settings = ReplaySettings(host=host, allow_motion=True, allow_untested_software=True, first_pass=False)
+    settings = ReplaySettings(host=host, allow_motion=True, first_pass=False)
     return check(settings, short(robot="ur5e"), UR5E, Context(serial="77"), installation=known_gains("ur5e"), driver=DRIVER)
 
 

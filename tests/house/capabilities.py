@@ -549,7 +549,12 @@ MOTION_CONDITIONS: dict[str, tuple[str, ...]] = {  # each condition before a mot
         "acquire/test_guard.py::test_each_condition_can_fail_and_is_the_one_that_is_named",
     ),
     "robot_model": ("acquire/test_guard.py::test_each_condition_can_fail_and_is_the_one_that_is_named",),
-    "software": ("acquire/test_installation.py::test_software_that_nobody_tested_is_refused_and_what_crashes_always_is",),
+    "software": (
+        "acquire/test_installation.py::test_software_that_nobody_tested_is_refused_and_what_crashes_always_is",
+        "acquire/test_installation.py::test_the_release_of_the_client_library_is_named_beside_the_tested_one",
+        "acquire/test_versions.py::test_a_replay_is_played_on_each_version_and_only_the_tested_ones_move_without_the_switch",
+        "acquire/test_versions.py::test_a_replay_is_played_with_the_newest_release_of_ur_rtde_that_is_allowed",
+    ),
     "serial": (
         "service/test_motion.py::test_another_arm_at_the_address_waits_for_a_person_and_begins_slowly",
         "acquire/test_guard.py::test_each_condition_can_fail_and_is_the_one_that_is_named",
@@ -1043,6 +1048,7 @@ SIMULATOR: dict[str, tuple[str, ...]] = {  # the controller made of software
     "programs in URScript": (
         "simulate/test_sim_language.py::test_a_program_computes_branches_and_calls_its_own_functions",
         "simulate/test_sim_language.py::test_threads_take_turns_and_share_global_variables",
+        "simulate/test_sim_scripts.py::test_a_name_that_a_version_does_not_know_refuses_the_whole_program",
     ),
     "program trees and files": (
         "simulate/test_sim_program_tree.py::test_nodes_play_in_order_and_again_and_again",

@@ -54,10 +54,12 @@ INT32 - 5.17.0 time_scale_source
 VECTOR6D - 5.23.0 actual_current_as_torque
 BOOL - - output_bit_register_# 0..63
 BOOL - - input_bit_register_# 0..63
-DOUBLE - - actual_robot_energy_consumed actual_robot_braking_energy_dissipated target_execution_time
+DOUBLE - 5.23.0 actual_robot_energy_consumed
+UINT64 - 5.26.0 control_step
+DOUBLE - - actual_robot_braking_energy_dissipated target_execution_time
 VECTOR6D - - actual_TCP_acceleration target_TCP_acceleration wrench_calc_from_currents target_base_acceleration target_base_wrench
 INT32 - - encoder0_raw encoder1_raw
-UINT64 - - actual_configurable_digital_input_bits actual_configurable_digital_output_bits control_step
+UINT64 - - actual_configurable_digital_input_bits actual_configurable_digital_output_bits
 VECTOR3D - - target_gravity
 """
 INPUTS = """
@@ -73,6 +75,7 @@ BOOL 3.9.0 5.3.0 input_bit_register_# 64..127
 VECTOR6D 0 0 external_force_torque
 BOOL - - input_bit_register_# 0..63
 """
+X_VERSIONS = {"10.11.0": False, "10.12.1": False, "10.13.0": True, "10.14.0": True}  # whether each has `control_step`
 BYTES = {"DOUBLE": 8, "VECTOR3D": 24, "VECTOR6D": 48, "INT32": 4, "UINT32": 4, "UINT64": 8, "VECTOR6INT32": 24, "UINT8": 1, "BOOL": 1}
 
 
@@ -104,7 +107,7 @@ def request(kind: bytes, payload: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "version", ["3.4.0", "3.9.1", "3.11.0", "3.15.8", "5.4.0", "5.5.1", "5.9.4", "5.11.0", "5.17.2", "5.22.0", "5.23.0"]
+    "version", ["3.4.0", "3.9.1", "3.11.0", "3.15.8", "5.4.0", "5.5.1", "5.9.4", "5.11.0", "5.17.2", "5.22.0", "5.23.0", "5.25.1", "5.26.0"]
 )
 def test_every_output_has_its_published_type_from_its_version_on(version):
     """Outputs are requested in groups. A packet is as long as the types of its outputs say."""
@@ -122,6 +125,18 @@ def test_every_output_has_its_published_type_from_its_version_on(version):
         session.feed(request(b"S", b""))
         packet = session.output(0, {})
         assert len(packet) == struct.unpack_from(">H", packet)[0] == 4 + sum(BYTES[expected[name]] for name in names)
+
+
+def test_a_polyscope_x_has_a_variable_from_a_version_of_its_own_on():
+    """The number of control periods came with 5.26 and with 10.13: 10.12 is newer than 5.26 by its number only."""
+    there = {
+        version: Controller(SimulateSettings(robot="ur5e", version=version)).identity.publishes("control_step") for version in X_VERSIONS
+    }
+    assert there == X_VERSIONS
+    c = Controller(SimulateSettings(robot="ur5e", version="10.13.0"))
+    before = output_variables(c)["control_step"].read()[0]
+    c.step()
+    assert output_variables(c)["control_step"].read()[0] == before + 1
 
 
 @pytest.mark.parametrize("version", ["3.4.0", "3.15.8", "5.4.0", "5.22.0"])

@@ -4,11 +4,10 @@ A controller answers `NOT_FOUND` to a variable of a newer version. Where the gui
 """
 
 import re
-from typing import NamedTuple
 
 from monitor.errors import BadInput
 from monitor.simulate.machine.registers import INPUT_TYPES, REGISTERS
-from monitor.simulate.polyscope import Version, X
+from monitor.simulate.polyscope import Since, Version, X, knows
 from monitor.simulate.settings import SimulateSettings
 
 NOT_MODELLED = {  # published outputs that are always zero here
@@ -30,9 +29,11 @@ NOT_MODELLED = {  # published outputs that are always zero here
     "script_control_line": "UINT32",  # scripts are not run line by line
     "time_scale_source": "INT32",
     "collision_detection_ratio": "DOUBLE",  # the arm never hits anything
+    "actual_robot_energy_consumed": "DOUBLE",
 }
-OUTPUT_TYPES = {  # every output that any version up to 5.23 has
+OUTPUT_TYPES = {  # every output that any version up to 5.23 has, and what is known of later ones
     "timestamp": "DOUBLE",
+    "control_step": "UINT64",
     "target_q": "VECTOR6D",
     "target_qd": "VECTOR6D",
     "target_qdd": "VECTOR6D",
@@ -91,39 +92,27 @@ OUTPUT_TYPES = {  # every output that any version up to 5.23 has
     **{f"{way}_double_register_{i}": "DOUBLE" for way in ("output", "input") for i in range(REGISTERS)},
 }
 
-ALWAYS, NEVER = (0, 0, 0), (99, 0, 0)
-
-
-class Since(NamedTuple):
-    """The first version that has a variable, on CB3 and on the e-Series."""
-
-    cb3: tuple[int, ...] = ALWAYS
-    e_series: tuple[int, ...] = ALWAYS
-
-    def __contains__(self, version: object) -> bool:
-        """Whether a controller of this version has the variable."""
-        return isinstance(version, Version) and version[:3] >= (self.cb3 if version.major < 5 else self.e_series)
-
-
-UPPER = Since((3, 9, 0), (5, 3, 0))  # registers that fieldbuses do not use: bits from 64 on, the other registers from 24 on
-SINCE = {
-    "elbow_position": Since((3, 5, 0)),
-    "elbow_velocity": Since((3, 5, 0)),
-    "safety_status": Since((3, 10, 0), (5, 4, 0)),
-    "payload": Since((3, 11, 0), (5, 5, 1)),
-    "payload_cog": Since((3, 11, 0), (5, 5, 1)),
-    "tcp_offset": Since((3, 12, 0), (5, 5, 1)),  # from the manufacturer's client library; the guide has listed it since 2025
-    "script_control_line": Since((3, 14, 0), (5, 9, 0)),
-    "payload_inertia": Since((3, 15, 0), (5, 11, 0)),
-    "tool_output_mode": Since(NEVER, (5, 2, 0)),
-    "tool_digital_output0_mode": Since(NEVER, (5, 2, 0)),
-    "tool_digital_output1_mode": Since(NEVER, (5, 2, 0)),
-    "ft_raw_wrench": Since(NEVER, (5, 9, 0)),  # the e-Series' own sensor
+UPPER: Since = ((3, 9), (5, 3))  # registers that fieldbuses do not use: bits from 64 on, the other registers from 24 on
+SINCE: dict[str, Since] = {  # a variable that is not here is one of every version
+    "elbow_position": ((3, 5),),
+    "elbow_velocity": ((3, 5),),
+    "safety_status": ((3, 10), (5, 4)),
+    "payload": ((3, 11), (5, 5, 1)),
+    "payload_cog": ((3, 11), (5, 5, 1)),
+    "tcp_offset": ((3, 12), (5, 5, 1)),  # from the manufacturer's client library; the guide has listed it since 2025
+    "script_control_line": ((3, 14), (5, 9)),
+    "payload_inertia": ((3, 15), (5, 11)),
+    "tool_output_mode": ((5, 2),),
+    "tool_digital_output0_mode": ((5, 2),),
+    "tool_digital_output1_mode": ((5, 2),),
+    "ft_raw_wrench": ((5, 9),),  # the e-Series' own sensor
     # The configuration of the manufacturer's own recorder asks every controller for joint_position_deviation_ratio, so each has it.
     # Not in the guide of 5.11. Clients of newer controllers ask for these; the exact first version is not confirmed.
-    "collision_detection_ratio": Since(NEVER, (5, 15, 0)),
-    "time_scale_source": Since(NEVER, (5, 17, 0)),
-    "actual_current_as_torque": Since(NEVER, (5, 23, 0)),  # ur-rtde asks for it from this version on
+    "collision_detection_ratio": ((5, 15),),
+    "time_scale_source": ((5, 17),),
+    "actual_current_as_torque": ((5, 23),),  # ur-rtde asks for it from this version on
+    "actual_robot_energy_consumed": ((5, 23), (10, 11)),  # these two from the manufacturer's client library
+    "control_step": ((5, 26), (10, 13)),
 }
 NUMBERED = re.compile(r"(?:in|out)put_(bit|int|double)_register_(\d+)")
 
@@ -132,8 +121,8 @@ def known(name: str, version: Version) -> bool:
     """Whether a controller of this version has the variable, if any version has it."""
     numbered = NUMBERED.fullmatch(name)
     if numbered and int(numbered[2]) >= (64 if numbered[1] == "bit" else 24):
-        return version in UPPER
-    return version in SINCE.get(name, Since())
+        return knows(version, UPPER)
+    return name not in SINCE or knows(version, SINCE[name])
 
 
 # --- What a controller reports about itself: version, control mode, roles, serial numbers and known variables ---

@@ -50,6 +50,7 @@ def output_variables(controller: Controller) -> dict[str, Variable]:
     analog = listed(2, controller.registers.outputs.analog.copy)
     places: dict[str, Source | tuple[Source, int]] = {
         "timestamp": number(controller, "clock.published_s"),
+        "control_step": number(controller, "clock.ticks"),
         **_motion(controller),
         **_modes(controller.modes),
         **_electric(controller),
