@@ -137,7 +137,7 @@ SOFTWARE = (
 TESTED_LIBRARY = "1.6.5"  # the release of ur-rtde with which all of this was tested
 # Versions, the last of each span excluded, for which ur-rtde 1.6.5 keeps a name in its script that the manufacturer's client library 2.14
 # gives to later versions only: `ft_rtde_input_enable` from 5.9.1 on, and the scales of `direct_torque` from 10.12.1 on. A controller that
-# does not know a name refuses the whole script.
+# does not know a name refuses the whole script: these get only the part of it that a replay needs.
 NAMES_TOO_EARLY = (((5, 9, 0), (5, 9, 1)), ((10, 0, 0), (10, 12, 1)))
 
 

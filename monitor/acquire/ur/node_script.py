@@ -29,6 +29,7 @@ from monitor.reason import Sentence
 HEADER_BEGIN, HEADER_END = "# HEADER_BEGIN", "# HEADER_END"  # what stands between them is put once at the top of the program
 LOOP_BEGIN, LOOP_END = "# NODE_CONTROL_LOOP_BEGINS", "# NODE_CONTROL_LOOP_ENDS"
 ASK = "cmd = rtde_cmd()"  # how ur-rtde's loop reads its next command
+COMMANDS = frozenset(("11", "16", "35", "255"))  # servoJ, servoStop, setWatchdog and the end of the program
 OURS = "jm_"  # how every name of the served text begins
 VERSION, ECHO, OFFER, STATE = 16, 17, 18, 19  # output registers of the lower range
 TAKE, BEAT, DUE = 20, 21, 22  # input registers of the lower range
@@ -53,7 +54,7 @@ def hand_over_script(control_script: str, *, version: int = 0) -> str:
     says of its text in the register VERSION; 0: nothing.
     Raises BadInput where ur-rtde's text is not as expected.
     """
-    header, loop = _parts(_for_any_software(control_script))
+    header, loop = _parts(_needed(control_script))
     offset = re.search(r"# int register offset\s*\n\s*(\d+)", header)
     if offset is None or int(offset[1]) not in (0, UPPER):
         raise BadInput("hand_over: ur-rtde's control script does not say which registers it uses; expected an offset of 0 or 24")
@@ -67,17 +68,22 @@ def hand_over_script(control_script: str, *, version: int = 0) -> str:
 
 
 def control_program(host: str) -> str:
-    """ur-rtde's whole program for this controller, without what some software does not know. Raises RobotUnreachable.
+    """ur-rtde's whole program for this controller, with what a replay needs. Raises RobotUnreachable.
 
     ur-rtde puts the offsets of its registers behind two comments; they are there already, and would be there twice.
     """
-    text = _for_any_software(control_script(host)).replace(" register offset\n", " offset\n")
+    text = _needed(control_script(host)).replace(" register offset\n", " offset\n")
     return f"def rtde_control():\n{text}\nend\n"
 
 
-def _for_any_software(text: str) -> str:
-    """ur-rtde's text without the lines that name what some software does not know for which ur-rtde keeps them; no replay needs them."""
-    return _NOT_OF_ALL.sub("", text)
+def _needed(text: str) -> str:
+    """ur-rtde's text with the commands that a replay sends: a name in another one that the controller does not know would refuse the whole.
+
+    The last command stays too: the rest of the text is behind it.
+    """
+    first, *others = _BRANCH.split(text)
+    branches = list(zip(others[::3], others[1::3], others[2::3], strict=True))  # line, number, what follows
+    return first + "".join(line + body for line, number, body in branches if number in COMMANDS or number == branches[-1][1])
 
 
 def _defined(text: str) -> set[str]:
@@ -151,7 +157,7 @@ _WORD = re.compile(r'"[^"\n]*"|#[^\n]*|(?<![\w.])(?P<name>[A-Za-z_]\w*)')  # a t
 _ASSIGNED = re.compile(r"\s*=(?!=)")
 _DEFINED = re.compile(r"(?:^|\n|\d\s)[ \t]*(?:(?:def|thread)\s+(\w+)|(?:global\s+|local\s+)?([A-Za-z_]\w*)(?:\[[^\]\n]*\])?\s*=(?!=))")
 _FORCE_MODE = re.compile(r"^[ \t]*force_mode_set_(?:gain_scaling|damping)\([^\n]*\n", re.MULTILINE)  # they would replace the program's own
-_NOT_OF_ALL = re.compile(r"^[ \t]*(?:direct_torque|ft_rtde_input_enable)\([^\n]*\n", re.MULTILINE)
+_BRANCH = re.compile(r"^([ \t]*elif cmd == (\d+):\n)", re.MULTILINE)
 _REGISTERS = {"VERSION": VERSION, "ECHO": ECHO, "OFFER": OFFER, "STATE": STATE, "TAKE": TAKE, "BEAT": BEAT, "DUE": DUE}
 _STATES = {"IDLE": IDLE, "OFFERED": OFFERED, "TAKEN": TAKEN, "LOST": LOST, "ASTRAY": ASTRAY}
 _HEADER = """
