@@ -179,7 +179,9 @@ class Driver(Protocol):
         """A session that receives only and gives every row. Its one message is `lost` with a `reason`, after which it ends."""
 
     def stream(self, task: ReplayTask) -> Session:
-        """A session that plays one replay, as `protocol` has it. Raises SessionEnded where no process can be started.
+        """A session that plays one replay, as `protocol` has it.
+
+        Raises SessionEnded where no process can be started, RobotUnreachable where what it sends cannot be made.
 
         It sends the rows of the play, and each event of the protocol as a message of that `kind`: that of a phase with its `duration_s`;
         the last words STOPPED and FAILED with a `cause` and a `reason`, REFUSED and UNREACHABLE with a `reason`. Beside these: `state` with

@@ -1,5 +1,6 @@
 """Versions of both sides: a replay on a simulated controller of each that the table of software names, and with the newest ur-rtde."""
 
+import struct
 import subprocess
 import sys
 import tomllib
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from excitations import short
+from raw_rtde import RawRtde
 from simulated_arm import known_gains, simulated_arm
 
 from monitor.acquire.replay import replay
@@ -83,6 +85,23 @@ def test_a_controller_that_refuses_the_program_is_told_by_what_it_says_and_nothi
         assert ended.value.cause == "no_control"
         assert remote.truth()["scripts_started"] == 0
         assert not remote.truth()["motions"]
+
+
+def test_nothing_is_written_to_a_register_while_somebody_elses_program_plays():
+    """ur-rtde clears its command register as soon as it connects, also where it is only asked for its text."""
+    settings = ReplaySettings(host="127.0.96.28", allow_motion=True, first_pass=False)
+    with arm_of("10.12.0", settings.host) as remote:
+        with RawRtde(settings.host) as other:
+            other.ask(b"V", struct.pack(">H", 2))
+            recipe = other.ask(b"I", b"input_int_register_0")[:1]
+            other.send(b"U", recipe + struct.pack(">i", 7))
+            remote.fault("foreign_program", seconds=60.0, moves="off")
+        with pytest.raises(MotionRefused, match="no_other_program"):
+            played("10.12.0", settings)
+        with RawRtde(settings.host) as other:
+            other.ask(b"V", struct.pack(">H", 2))
+            other.stream("input_int_register_0", 10.0)
+            assert struct.unpack(">i", other.packet()[1][1:]) == (7,)
 
 
 def test_a_replay_is_played_with_the_newest_release_of_ur_rtde_that_is_allowed(tmp_path, monkeypatch):

@@ -265,10 +265,14 @@ class UniversalRobots:
         return ReportedErrors(host)
 
     def stream(self, task: ReplayTask) -> Session:
-        """A process that plays one replay once it is told `go`. Raises RobotUnreachable where ur-rtde's program cannot be had."""
-        number = numbers_of(task.software)
-        if task.settings.lent is None and any(number is not None and first <= number < known for first, known in NAMES_TOO_EARLY):
-            task = replace(task, program=control_program(task.settings.host))
+        """A process that plays one replay once it is told `go`. Raises RobotUnreachable where ur-rtde's program cannot be had.
+
+        ur-rtde is not asked for it while a program plays, because it clears its registers; the process refuses the motion then.
+        """
+        number, host = numbers_of(task.software), task.settings.host
+        too_early = any(number is not None and first <= number < known for first, known in NAMES_TOO_EARLY)
+        if too_early and task.settings.lent is None and self.playing_program(host) is None:
+            task = replace(task, program=control_program(host))
         return Child("monitor.acquire.ur.stream", task)
 
     def witness(self, host: str) -> PrimaryWitness:
