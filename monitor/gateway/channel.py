@@ -43,7 +43,7 @@ class Surroundings:
     link: str  # address of the plant's screen for people; empty: none
     outbox: Outbox
     arms: Callable[[], Mapping[ArmName, HeardArm]]  # as they were heard last
-    transitions: Callable[[float, float], list[Transition]]  # of all arms between two times, the oldest first
+    transitions: Callable[[float, float], list[Transition]]  # told between two times of this clock, in the order in which they came
     commands: Commands
     now: Callable[[], float]
     scrub: Callable[[str], str]  # a text without any secret in it

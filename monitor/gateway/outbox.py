@@ -11,23 +11,28 @@ import random
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
 from monitor.errors import StoreError, StoreUnavailable
-from monitor.gateway.values import Delivery
+from monitor.gateway.values import ACTIVE, ENDED, Delivery, Transition, document_of, transition_of
+from monitor.plant.arm import ArmName
 from monitor.plant.database import Database
 from monitor.plant.tables import delivery
+from monitor.publish.shown import tier_gravity
 from monitor.recording import DAY_S
 
 OWED, DELIVERED, DROPPED, DEAD = "owed", "delivered", "dropped", "dead"
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 10.0, 900.0  # between attempts; each is twice the one before
-KEPT_S = 400 * DAY_S  # what has ended is kept so long: a history that is copied anew owes nothing again
-PASSED_OVER_S = 365 * DAY_S  # transitions that are older are not offered: their deliveries may be forgotten
-BEGAN = "began"  # the delivery that says since when there is a gateway
-ALREADY = "already"  # of an alert that was active before: that it is told
+KEPT_S = 400 * DAY_S  # what has ended is kept so long
+GATEWAY = "gateway"  # the channel of what the gateway notes for itself, for ever; kinds:
+BEGAN = "began"  # that there is a gateway
+KNOWN = "known"  # an arm: from now on everything that its log commits is new
+TAKEN = "taken"  # a transition: it is told, or was there before; so a history that is copied anew owes nothing again
+ALREADY = "already"  # an alert that is told from what its arm says, as its raising did not stand in the arm's log
 LONGEST_ERROR = 500
 
 
@@ -68,6 +73,30 @@ class Answered(NamedTuple):
     at_unix_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """What the gateway has noted of the arms, and what is told of the conditions of their joints (`Transition.place`)."""
+
+    known: set[ArmName]
+    tiers: dict[str, str]  # by place: the tier that was told last of an alert that is not over
+    already: set[str]  # places whose alert is told, and was not raised in the arm's log
+
+    def copy(self) -> "Noted":
+        """Another one, to be changed."""
+        return Noted(set(self.known), dict(self.tiers), set(self.already))
+
+    def told(self, place: str, tier: str, *, already: bool) -> None:
+        """Note what is told."""
+        (self.already.add if already else self.already.discard)(place)
+        self.tiers[place] = tier
+        if tier == ENDED:
+            del self.tiers[place]
+
+    def new_to(self, place: str, tier: str) -> bool:
+        """Whether nobody was told of this tier of an alert."""
+        return tier_gravity(tier) > tier_gravity(self.tiers.get(place, ENDED))
+
+
 class Outbox:
     """The deliveries of all channels. Several threads may use it; each channel touches its own alone."""
 
@@ -77,33 +106,74 @@ class Outbox:
         self._unnoted: dict[tuple[int, ...], dict[str, Any]] = {}  # by deliveries: what is delivered, and could not be noted
 
     def began_unix_s(self) -> float:
-        """Since when this plant has a gateway: what happened before is told to nobody. Raises StoreError."""
-        now = self._now()
-        with self._database.write() as connection:
-            self.add(connection, "gateway", [Delivery(key=BEGAN, recipient="", kind=BEGAN, document={})], state=DROPPED)
-            began = connection.execute(sa.select(delivery.c.made_at).where(delivery.c.key == _key("gateway", BEGAN))).scalar_one()
-        return float(min(began, now))
-
-    def already_told(self) -> set[str]:
-        """The alerts that were active before there was a gateway, and are told. Raises StoreError."""
+        """Since when this plant has a gateway; now where it has none. Raises StoreError."""
+        wanted = sa.select(delivery.c.made_at).where(delivery.c.key == _key(GATEWAY, BEGAN))
         with self._database.read() as connection:
-            keys = connection.execute(
-                sa.select(delivery.c.key).where(delivery.c.channel == "gateway", delivery.c.kind == ALREADY)
-            ).scalars()
-            return {key.removeprefix(_key("gateway", "")) for key in keys}
+            began = connection.execute(wanted).scalar_one_or_none()
+        return self._now() if began is None else float(began)
 
-    def note_already(self, connection: sa.Connection, alert_ids: Iterable[str]) -> None:
-        """These are told, for ever, in this transaction."""
-        noted = [Delivery(key=each, recipient="", kind=ALREADY, document={}) for each in alert_ids]
-        self.add(connection, "gateway", noted, state=DROPPED)
+    def noted(self) -> Noted | None:
+        """What the gateway has noted for itself; None where there was none yet. Raises StoreError."""
+        wanted = sa.select(delivery.c.kind, delivery.c.recipient, delivery.c.message, delivery.c.robot).where(delivery.c.channel == GATEWAY)
+        wanted = wanted.where((delivery.c.recipient != "") | delivery.c.kind.in_((BEGAN, KNOWN))).order_by(delivery.c.id)
+        with self._database.read() as connection:
+            rows = connection.execute(wanted).all()
+        noted = Noted({ArmName(*row.robot.split("/", 1)) for row in rows if row.kind == KNOWN}, {}, set())
+        for row in rows:
+            if row.recipient:
+                noted.told(row.recipient, row.message, already=row.kind == ALREADY)
+        return noted if any(row.kind == BEGAN for row in rows) else None
 
-    def add(self, connection: sa.Connection, channel: str, owed: Iterable[Delivery], *, state: str = OWED, answer: Any = None) -> None:
+    def begin(self, connection: sa.Connection) -> None:
+        """There is a gateway from now on, in this transaction."""
+        self._note(connection, [Delivery(key=BEGAN, recipient="", kind=BEGAN, document={})])
+
+    def note_known(self, connection: sa.Connection, arms: Iterable[ArmName]) -> None:
+        """What these arms commit from now on is new, in this transaction."""
+        self._note(connection, [Delivery(key=f"arm/{each}", recipient="", kind=KNOWN, document={}, robot=str(each)) for each in arms])
+
+    def note_before(self, connection: sa.Connection, ids: Iterable[str]) -> None:
+        """These transitions were there before anybody could be told, in this transaction."""
+        self._note(connection, [Delivery(key=each, recipient="", kind=TAKEN, document={}) for each in ids])
+
+    def note_taken(self, connection: sa.Connection, transitions: Iterable[Transition]) -> None:
+        """These are told, in this transaction."""
+        for each in transitions:
+            kind, document = (ALREADY, {}) if each.kind == ACTIVE else (TAKEN, document_of(each))
+            place, tier = (each.place, each.after) if each.changes_tier else ("", None)
+            self._note(connection, [Delivery(key=each.id, recipient=place, kind=kind, document=document, robot=str(each.arm))], tier)
+
+    def _note(self, connection: sa.Connection, noted: Iterable[Delivery], message: str | None = None) -> None:
+        self.add(connection, GATEWAY, noted, state=DROPPED, message=message)
+
+    def taken(self, ids: Collection[str]) -> set[str]:
+        """Those of these transitions that are noted. Raises StoreError."""
+        return set(self.found(GATEWAY, ids)) if ids else set()
+
+    def told(self, begin_unix_s: float, end_unix_s: float) -> list[Transition]:
+        """What was told between two times of this gateway's clock, in the order in which it came. Raises StoreError."""
+        wanted = sa.select(delivery.c.document).where(delivery.c.channel == GATEWAY, delivery.c.kind == TAKEN)
+        wanted = wanted.where(delivery.c.made_at >= begin_unix_s, delivery.c.made_at < end_unix_s).order_by(delivery.c.id)
+        with self._database.read() as connection:
+            return [transition_of(document) for document in connection.execute(wanted).scalars() if document]
+
+    def add(
+        self,
+        connection: sa.Connection,
+        channel: str,
+        owed: Iterable[Delivery],
+        *,
+        state: str = OWED,
+        answer: Any = None,
+        message: str | None = None,
+    ) -> None:
         """Owe these, in this transaction; what was owed before, by its key, is owed once."""
         now = self._now()
         rows = [
             {
                 **{"key": _key(channel, each.key), "channel": channel, "recipient": each.recipient, "kind": each.kind, "robot": each.robot},
                 **{"document": dict(each.document), "made_at": now, "due_at": max(each.due_at_unix_s, 0.0), "state": state, "attempts": 0},
+                "message": message,
                 **({"ended_at": now, "answer": answer} if state != OWED else {}),
             }
             for each in owed
@@ -204,9 +274,10 @@ class Outbox:
 
     def prune(self) -> None:
         """Forget what has ended long ago. Raises StoreError."""
-        old = (delivery.c.state != OWED) & (delivery.c.ended_at < self._now() - KEPT_S) & delivery.c.kind.not_in((BEGAN, ALREADY))
+        old, own = (delivery.c.state != OWED) & (delivery.c.ended_at < self._now() - KEPT_S), delivery.c.channel == GATEWAY
         with self._database.write() as connection:
-            connection.execute(sa.delete(delivery).where(old))
+            connection.execute(sa.delete(delivery).where(old, ~own))
+            connection.execute(sa.update(delivery).where(old, own).values(document={}, ended_at=None))
 
     def _note_again(self) -> None:
         with self._lock:

@@ -12,15 +12,17 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 
+import sqlalchemy as sa
+
 from monitor import __version__
 from monitor.errors import BadConfiguration, BadInput, MonitorError, StoreUnavailable
 from monitor.gateway.channel import Channel, Surroundings
 from monitor.gateway.commands import Commands
-from monitor.gateway.outbox import PASSED_OVER_S, GatewayLock, Outbox
+from monitor.gateway.outbox import GatewayLock, Noted, Outbox
 from monitor.gateway.settings import GatewayConfiguration
-from monitor.gateway.silence import SILENCES, PlantWatch, changed_silences
-from monitor.gateway.source import Source
-from monitor.gateway.values import RAISED, Transition, already_active
+from monitor.gateway.silence import SILENCES, ArmsWatch, PlantWatch
+from monitor.gateway.source import Source, Taken
+from monitor.gateway.values import RAISED, Transition, active
 from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.ingest import set_note
@@ -33,6 +35,7 @@ RUNNING = "gateway"  # name of the note that it runs
 TICK_S = 1.0
 HEARTBEAT_S = 10.0  # between two notes that the gateway runs
 LONGEST_PAUSE_S = 60.0  # between two attempts to reach the database
+LOG_FIRST_S = 120.0  # within which the log of an arm says what its health says
 STEP_S = 300.0  # a channel whose step takes longer hangs: the service manager starts the gateway anew
 LONGEST_WAIT_S = STEP_S / 3.0  # between two steps of a channel
 TROUBLE_PAUSE_S = 5.0, LONGEST_WAIT_S  # of a channel: first and longest
@@ -148,7 +151,7 @@ class Gateway:
             link=configuration.gateway.link.rstrip("/"),
             outbox=self.outbox,
             arms=self.source.arms,
-            transitions=self.source.between,
+            transitions=self.outbox.told,
             commands=self.commands,
             now=now,
             scrub=configuration.scrub,
@@ -156,13 +159,13 @@ class Gateway:
         self._gateway_lock = GatewayLock(self.database)
         self._stack.callback(self._gateway_lock.release)
         self.workers: list[Worker] = []
-        self._silent_s = configuration.gateway.silent_hours * 3600.0
+        self._arms_watch = ArmsWatch(configuration.gateway.silent_hours * 3600.0)
         self._plant_watch = PlantWatch(configuration.gateway.plant_silent_minutes * 60.0)
-        self._looked: Mapping[ArmName, HeardArm] = {}  # of these is told what was active already
-        self._already: set[str] = set()  # alerts of which that is told
+        self._noted = Noted(set(), {}, set())
+        self._seen: dict[str, float] = {}  # what arms say and nobody is told of: since when, by this clock
         self.trouble: str | None = "the database is not open yet"
         self._pause_s, self._next_try, self._heartbeat_at, self._pruned_at = 0.0, 0.0, 0.0, -DAY_S
-        self._began_unix_s, self._not_before_unix_s = now(), 0.0
+        self._began_unix_s = now()
         try:
             for each, shows in _configured(configuration) if make is None else [(each, False) for each in make]:
                 for channel in _made(each, self._surroundings):
@@ -227,29 +230,42 @@ class Gateway:
         self.database.migrate()
         if self._owes:
             self._gateway_lock.take()
-            self._not_before_unix_s = float(int(self.outbox.began_unix_s()))
-            self._already = self.outbox.already_told()
+            if (noted := self.outbox.noted()) is None:
+                noted = self._begin()
+            self._noted = noted
             self._plant_watch.rest()
         if self._pause_s:
             log.info("the database answers again: %s", self.database.name)
         self.trouble, self._pause_s = None, 0.0
 
+    def _begin(self) -> Noted:
+        """There is a gateway from now on: what is copied is of before."""
+        with self.database.write() as connection:
+            before = self.source.everything(connection)
+            self.outbox.begin(connection)
+            self._pass(connection, before)
+        return Noted(set(before.known), {}, set())
+
     def _take(self) -> None:
         more = True
         while more:
-            not_before_unix_s = max(self._not_before_unix_s, self._now() - PASSED_OVER_S)
-            taken = self.source.transitions(not_before_unix_s)
+            taken = self.source.transitions(self._noted.known)
             arms, now, told = self.source.arms(), self._now(), self.outbox.owed(SILENCES)
-            silences = changed_silences(arms, told, self._silent_s, now)
+            silences = self._arms_watch.look(arms, self.source.plant_said_unix_s, told, now)
             silences += self._plant_watch.look(self.source.plant_said_unix_s, told, now)
-            old = [each.alert_id for each in taken.transitions if each.kind == RAISED and each.raised_at_unix_s < self._not_before_unix_s]
-            already = [each for each in self._active_already(arms, now) if each.alert_id not in old]
-            if not taken.cursors and not silences and not already:
-                self._looked = arms
+            there = self.outbox.taken([each.id for each in taken.transitions])  # of a history that is copied anew
+            noted, new, late = self._noted.copy(), list[Transition](), list[Transition]()
+            for each in taken.transitions:
+                if each.id in there:
+                    continue
+                raised = each.kind == RAISED and each.place in noted.already and not noted.new_to(each.place, each.after)
+                (late if raised else new).append(each)  # an alert that was told before its raising came
+                if each.changes_tier:
+                    noted.told(each.place, each.after, already=False)
+            new += self._untold(arms, noted, now)
+            if not (taken.cursors or taken.known or silences or new):
                 return
-            new = (each for each in taken.transitions if each.kind != RAISED or each.alert_id not in self._already)
-            found = [*already, *new, *(each.transition for each in silences)]
-            old += [each.alert_id for each in already]
+            found = [*new, *(each.transition for each in silences)]
             owed = [(each.channel.name, delivery) for each in self.workers for one in found for delivery in each.channel.offer(one)]
             with self.database.write() as connection:
                 for name, delivery in owed:
@@ -258,22 +274,33 @@ class Gateway:
                     if silence.begins is not None:
                         self.outbox.add(connection, SILENCES, [silence.begins])
                     self.outbox.end(connection, silence.ends)
-                self.outbox.note_already(connection, old)
-                self.source.commit(connection, taken.cursors)
-            self._looked = arms
-            self._already |= set(old)
+                self.outbox.note_taken(connection, (*late, *new))
+                self._pass(connection, taken)
+            noted.known.update(taken.known)
+            self._noted = noted
             for name in {name for name, _ in owed}:
                 for worker in self.workers:
                     if worker.channel.name == name:
                         worker.wake()
             more = taken.more
 
-    def _active_already(self, arms: Mapping[ArmName, HeardArm], now_unix_s: float) -> list[Transition]:
-        """Of the arms that have said something since the last look, the alerts that were active before there was a gateway."""
+    def _pass(self, connection: sa.Connection, taken: Taken) -> None:
+        """Note in this transaction what is of before, and how far the arms' logs are taken."""
+        self.outbox.note_before(connection, taken.before)
+        self.outbox.note_known(connection, taken.known)
+        self.source.commit(connection, taken.cursors)
+
+    def _untold(self, arms: Mapping[ArmName, HeardArm], noted: Noted, now_unix_s: float) -> list[Transition]:
+        """Alerts that arms say, that wait for a person, and of which their logs have said nothing for a while."""
         if not self.configuration.gateway.already_active:
             return []
-        new = [arm for name, arm in arms.items() if self._looked.get(name) is not arm]
-        return already_active(new, self._already, self._not_before_unix_s, now_unix_s)
+        found = [active(arm, alert) for arm in arms.values() for alert in arm.waiting(now_unix_s)]
+        found = [each for each in found if noted.new_to(each.place, each.after)]
+        self._seen = {each.id: min(self._seen.get(each.id, now_unix_s), now_unix_s) for each in found}
+        untold = [each for each in found if now_unix_s - self._seen[each.id] >= LOG_FIRST_S]
+        for each in untold:
+            noted.told(each.place, each.after, already=True)
+        return untold
 
     def _heartbeat(self) -> None:
         self._heartbeat_at = time.monotonic()

@@ -91,7 +91,7 @@ class GatewaySettings:
     language: str = "en"  # of messages, where a recipient has none of his own: en or de
     silent_hours: Annotated[float, Interval(ge=0.0, le=8760.0)] = 24.0  # an arm that nobody hears for so long is told of; 0: never
     plant_silent_minutes: Annotated[float, Interval(ge=0.0, le=1440.0)] = 15.0  # the same of the plant's own service; 0: never
-    already_active: bool = True  # alerts that were active before the gateway first ran, or knew the arm, are told once
+    already_active: bool = True  # alerts that an arm says and whose raising was told to nobody are told once
     link: str = ""  # address of the plant's screen as people reach it, for links in messages, e.g. "https://plant.example"
 
     def __post_init__(self) -> None:

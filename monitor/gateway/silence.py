@@ -1,6 +1,6 @@
 """Arms that nobody hears, and a plant's service that does not run: neither can say so, so the gateway does. No I/O, no clock."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from monitor.gateway.outbox import Owed
@@ -34,8 +34,28 @@ class Silence(NamedTuple):
     ends: tuple[int, ...]  # what was kept of it
 
 
-def changed_silences(arms: Mapping[ArmName, HeardArm], told: Sequence[Owed], silent_s: float, now_unix_s: float) -> list[Silence]:
-    """What has changed. told : silences that are told and not over. silent_s : 0 tells of none that begins."""
+class ArmsWatch:
+    """Which arms nobody hears. The plant dates a silence by its own clock, and this one has another: each counts by itself."""
+
+    def __init__(self, silent_s: float) -> None:
+        """`silent_s` : after which it is told; 0: never."""
+        self._silent_s = silent_s
+        self._seen_unix_s: dict[ArmName, float] = {}  # since when we have seen that an arm is silent
+
+    def look(self, arms: Mapping[ArmName, HeardArm], said_unix_s: float | None, told: Sequence[Owed], now_unix_s: float) -> list[Silence]:
+        """What has changed. said_unix_s : as of `PlantWatch`. told : silences that are told and not over."""
+        seen = {name: self._seen_unix_s.get(name, now_unix_s) for name, arm in arms.items() if arm.silent_since_unix_s is not None}
+        self._seen_unix_s = seen
+        plant_unix_s = now_unix_s if said_unix_s is None else said_unix_s
+        silent = [
+            name
+            for name, since in seen.items()
+            if self._silent_s <= max(now_unix_s - since, plant_unix_s - (arms[name].silent_since_unix_s or 0.0))
+        ]
+        return _changed(arms, told, silent if self._silent_s else (), now_unix_s)
+
+
+def _changed(arms: Mapping[ArmName, HeardArm], told: Sequence[Owed], silent: Collection[ArmName], now_unix_s: float) -> list[Silence]:
     known = {each.robot: each for each in told}
     found = []
     for name, arm in arms.items():
@@ -44,7 +64,7 @@ def changed_silences(arms: Mapping[ArmName, HeardArm], told: Sequence[Owed], sil
             began = float(before.document["since_unix_s"])
             ended = _transition(name, CONDITION, began, now_unix_s, HEARD_AGAIN, over=True)
             found.append(Silence(ended, None, (before.id,)))
-        elif since is not None and before is None and 0.0 < silent_s <= now_unix_s - since:
+        elif since is not None and before is None and name in silent:
             text = NOT_HEARD(why=arm.silent_why or UNKNOWN_SILENCE)
             kept = Delivery(key=f"{name}/{since:.3f}", recipient="", kind="silence", document={"since_unix_s": since}, robot=str(name))
             found.append(Silence(_transition(name, CONDITION, since, now_unix_s, text, over=False), kept, ()))

@@ -4,7 +4,7 @@ Reading costs little where nothing has changed: documents and figures are read a
 """
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -25,9 +25,11 @@ READ_AT_ONCE = 200  # arms whose documents are read by one query
 
 
 class Taken(NamedTuple):
-    """Transitions that nobody has taken yet, and the cursors after them."""
+    """Transitions after the cursors, and the cursors after them."""
 
     transitions: list[Transition]  # of each arm in order
+    before: list[str]  # names of those that an arm had in its log when the plant first heard it
+    known: list[ArmName]  # arms of which nothing of before is left
     cursors: dict[tuple[int, int], int]  # by arm and history: seq
     more: bool  # whether others wait
 
@@ -72,43 +74,55 @@ class Source:
                 self._arms = {state.name: state for _, state in sorted(states.items())}
         self._seen = seen
 
-    def transitions(self, not_before_unix_s: float) -> Taken:
-        """The next transitions; those of earlier times are passed over. `commit` notes that they are taken. Raises StoreError."""
+    def transitions(self, known: Collection[ArmName] = ()) -> Taken:
+        """The next transitions. known : arms of which all are new. `commit` notes that they are taken. Raises StoreError."""
         found: list[Transition] = []
+        before: list[str] = []
+        all_new: list[ArmName] = []
         cursors: dict[tuple[int, int], int] = {}
         more = False
         with self._database.read() as connection:
             joined = (gateway_cursor.c.arm == history.c.arm) & (gateway_cursor.c.history == history.c.number)
             taken = sa.func.coalesce(gateway_cursor.c.seq, 0)
-            behind = (
-                sa.select(history.c.arm, history.c.number, history.c.event_cursor, taken, arm.c.site, arm.c.robot)
+            wanted = (
+                sa.select(history.c.arm, history.c.number, history.c.event_cursor, history.c.events_before, taken, arm.c.site, arm.c.robot)
                 .join(arm, arm.c.id == history.c.arm)
                 .outerjoin(gateway_cursor, joined)
-                .where(history.c.event_cursor > taken)
                 .order_by(history.c.arm, history.c.number)
             )
-            for number, at, last, after, site, robot in connection.execute(behind).all():
-                left = PAGE - len(found)
+            if all(name in known for name in self.arms()):
+                wanted = wanted.where(history.c.event_cursor > taken)
+            for number, at, last, first, done, site, robot in connection.execute(wanted).all():
+                left, name = PAGE - len(found) - len(before), ArmName(site, robot)
                 if left <= 0:
                     more = True
                     break
-                of_arm = (transition.c.arm == number, transition.c.history == at)
-                wanted = sa.select(transition).where(*of_arm, transition.c.seq > after, transition.c.seq <= last)
-                if not_before_unix_s > 0.0:
-                    wanted = wanted.where(transition.c.at >= not_before_unix_s)
-                rows = connection.execute(wanted.order_by(transition.c.seq).limit(left)).all()
-                found += [_transition(connection, ArmName(site, robot), row) for row in rows]
-                cursors[number, at] = last if len(rows) < left else rows[-1].seq
-        return Taken(found, cursors, more or len(found) >= PAGE)
+                old, upto = 0 if name in known else first or 0, done
+                if last > done:
+                    of_arm = (transition.c.arm == number, transition.c.history == at)
+                    rows = sa.select(transition).where(*of_arm, transition.c.seq > done, transition.c.seq <= last)
+                    page = connection.execute(rows.order_by(transition.c.seq).limit(left)).all()
+                    before += [_id(name, row) for row in page if row.seq <= old]
+                    found += [_transition(connection, name, row) for row in page if row.seq > old]
+                    upto = cursors[number, at] = last if len(page) < left else page[-1].seq
+                if name not in known and first is not None and upto >= first:
+                    all_new.append(name)
+        return Taken(found, before, all_new, cursors, more or len(found) + len(before) >= PAGE)
 
-    def between(self, begin_unix_s: float, end_unix_s: float) -> list[Transition]:
-        """The transitions of the arms' present histories between two times, the oldest first. Raises StoreError."""
-        present = (transition.c.arm == arm.c.id) & (transition.c.history == arm.c.history)
-        wanted = sa.select(transition, arm.c.site, arm.c.robot).join(arm, present)
-        wanted = wanted.where(transition.c.at >= begin_unix_s, transition.c.at < end_unix_s).order_by(transition.c.at, transition.c.seq)
-        with self._database.read() as connection:
-            rows = connection.execute(wanted).all()
-            return [_transition(connection, ArmName(row.site, row.robot), row) for row in rows]
+    def everything(self, connection: sa.Connection) -> Taken:
+        """What is copied now, as of before; arms whose first copying goes on are not known yet."""
+        columns = [transition.c[name] for name in ("joint", "condition", "kind", "tier", "at", "seq")]
+        rows = connection.execute(sa.select(arm.c.site, arm.c.robot, *columns).join(arm, transition.c.arm == arm.c.id))
+        before = [_id(ArmName(row.site, row.robot), row) for row in rows]
+        histories = connection.execute(sa.select(history, arm.c.site, arm.c.robot).join(arm, arm.c.id == history.c.arm)).all()
+        whole = [row for row in histories if row.event_cursor >= (1 if row.events_before is None else row.events_before)]
+        return Taken(
+            [],
+            before,
+            [ArmName(row.site, row.robot) for row in whole],
+            {(row.arm, row.number): row.event_cursor for row in histories},
+            False,
+        )
 
     def commit(self, connection: sa.Connection, cursors: Mapping[tuple[int, int], int]) -> None:
         """Note in this transaction that transitions are taken."""
@@ -139,7 +153,8 @@ def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transitio
     if kind == "updated" and tier_gravity(after) != tier_gravity(before):
         kind = GRAVER if tier_gravity(after) > tier_gravity(before) else MILDER
     return Transition(
-        id=transition_id(name, row.joint, row.condition, row.kind, row.tier, row.at),
+        id=_id(name, row),
+        seq=row.seq,
         arm=name,
         joint=row.joint,
         condition=row.condition,
@@ -150,6 +165,10 @@ def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transitio
         raised_at_unix_s=alert.raised_at.timestamp(),
         alert=alert,
     )
+
+
+def _id(name: ArmName, row: Any) -> str:
+    return transition_id(name, row.joint, row.condition, row.kind, row.tier, row.at, row.seq)
 
 
 def _tier_before(connection: sa.Connection, row: Any) -> str:

@@ -1,15 +1,15 @@
 """What the gateway speaks of: one transition of an alert, one delivery that is owed. No I/O, no clock."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 from monitor.plant.arm import ArmName, HeardArm
 from monitor.publish.documents import Alert, as_json, read
-from monitor.publish.shown import tier_gravity, waiting
+from monitor.publish.shown import tier_gravity
 
 RAISED, GRAVER, MILDER, CLEARED = "raised", "graver", "milder", "cleared"
-ACTIVE = "active"  # it was raised before anybody could be told
+ACTIVE = "active"  # its arm says it, and its raising was told to nobody
 PLANT, PLANT_SILENT = ArmName("plant", "service"), "plant_silent"  # what a transition of the plant's own service has in an arm's place
 ENDED = "none"  # the tier of an alert before it is raised, and after it is cleared
 
@@ -28,11 +28,17 @@ class Transition:
     at_unix_s: float
     raised_at_unix_s: float
     alert: Alert  # as it is after this step
+    seq: int = 0  # its number in the arm's log; 0: it stands in none
 
     @property
     def alert_id(self) -> str:
         """Which alert: the same one from its raising to its clearing."""
-        return f"{self.arm}/{joint_word(self.joint)}/{self.condition}/{self.raised_at_unix_s:.3f}"
+        return f"{self.place}/{self.raised_at_unix_s:.3f}"
+
+    @property
+    def place(self) -> str:
+        """Which condition of which joint; it has one alert at a time."""
+        return place(self.arm, self.joint, self.condition)
 
     @property
     def tier(self) -> str:
@@ -62,9 +68,17 @@ def joint_word(joint: int | None) -> str:
     return "arm" if joint is None else f"j{joint}"
 
 
-def transition_id(arm: ArmName, joint: int | None, condition: str, kind: str, tier: str, at_unix_s: float) -> str:
-    """A transition's name, which the outbox keeps: the same one where the arm's history is copied anew."""
-    return f"{arm}/{joint_word(joint)}/{condition}/{kind}/{tier}/{at_unix_s:.3f}"
+def place(arm: ArmName, joint: int | None, condition: str) -> str:
+    """A condition of a joint or of the arm."""
+    return f"{arm}/{joint_word(joint)}/{condition}"
+
+
+def transition_id(arm: ArmName, joint: int | None, condition: str, kind: str, tier: str, at_unix_s: float, seq: int = 0) -> str:
+    """A transition's name, which the outbox keeps: the same one where the arm's history is copied anew.
+
+    seq : its number in the arm's log, as a clock may show the same time twice; 0: it stands in none.
+    """
+    return f"{place(arm, joint, condition)}/{kind}/{tier}/{at_unix_s:.3f}" + (f"/{seq}" if seq else "")
 
 
 def document_of(transition: Transition) -> dict[str, Any]:
@@ -87,27 +101,21 @@ def page_of(link: str, told: Transition) -> str:
     return f"{link}/" if told.condition == PLANT_SILENT else f"{link}/arms/{told.arm}/"
 
 
-# --- alerts that were active before the gateway first ran: their raising is told to nobody, so they are told once
+# --- alerts that an arm says and its log does not: raised before anybody could be told, or of a history that cannot be copied
 
 
-def already_active(arms: Iterable[HeardArm], told: Collection[str], began_unix_s: float, now_unix_s: float) -> list[Transition]:
-    """Those that wait for a person. told : names of alerts (`alert_id`) that are told. began_unix_s : of the gateway."""
-    found = []
-    for arm in arms:
-        for alert in waiting(arm.alerts, now_unix_s):
-            raised = alert.raised_at.timestamp()
-            one = Transition(
-                id=transition_id(arm.name, alert.joint, alert.condition, ACTIVE, alert.tier, raised),
-                arm=arm.name,
-                joint=alert.joint,
-                condition=alert.condition,
-                before=ENDED,
-                after=alert.tier,
-                kind=ACTIVE,
-                at_unix_s=raised,
-                raised_at_unix_s=raised,
-                alert=alert,
-            )
-            if raised < began_unix_s and tier_gravity(alert.tier) and one.alert_id not in told:
-                found.append(one)
-    return found
+def active(arm: HeardArm, alert: Alert) -> Transition:
+    """The transition by which such an alert is told."""
+    raised = alert.raised_at.timestamp()
+    return Transition(
+        id=transition_id(arm.name, alert.joint, alert.condition, ACTIVE, alert.tier, raised),
+        arm=arm.name,
+        joint=alert.joint,
+        condition=alert.condition,
+        before=ENDED,
+        after=alert.tier,
+        kind=ACTIVE,
+        at_unix_s=raised,
+        raised_at_unix_s=raised,
+        alert=alert,
+    )

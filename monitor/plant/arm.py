@@ -161,11 +161,17 @@ class HeardArm:
     @property
     def clock_ahead_s(self) -> float | None:
         """Of its monitor's clock before the plant's, when it was heard last; None where they agree, it is not known, or the word is old."""
+        ahead = self.clock(0.0)
+        return ahead if abs(ahead) > CLOCK_S and self.silent is None else None
+
+    def clock(self, now_unix_s: float) -> float:
+        """The time that the arm's own clock shows, as far as it is known: times that the arm has set are compared with this one."""
         heard = self.heard_at_unix_s.get("monitor")
-        if self.monitor is None or heard is None or self.silent is not None:
-            return None
-        ahead = self.monitor.said_at.timestamp() - heard
-        return ahead if abs(ahead) > CLOCK_S else None
+        return now_unix_s if self.monitor is None or heard is None else now_unix_s + self.monitor.said_at.timestamp() - heard
+
+    def waiting(self, now_unix_s: float) -> list[Alert]:
+        """The active alerts that wait for a person: neither acknowledged nor shelved, by the arm's own clock."""
+        return waiting(self.alerts, self.clock(now_unix_s))
 
     @property
     def grade(self) -> Grade:
@@ -179,7 +185,7 @@ def worst_first(arms: Sequence[HeardArm], now_unix_s: float) -> list[HeardArm]:
     """By grade, then by state, then the one with more alerts that wait for a person, then by name."""
 
     def rank(arm: HeardArm) -> tuple[int, int, int, ArmName]:
-        return arm.grade.order, arm.shown.order, -len(waiting(arm.alerts, now_unix_s)), arm.name
+        return arm.grade.order, arm.shown.order, -len(arm.waiting(now_unix_s)), arm.name
 
     return sorted(arms, key=rank)
 

@@ -34,6 +34,7 @@ class Known(NamedTuple):
     event: Cursor
     change: Cursor
     newest_replay: int
+    events_before: int | None  # the newest transition when the arm was first asked; None: it was not yet
 
 
 class Gap(NamedTuple):
@@ -67,14 +68,15 @@ def _row(connection: sa.Connection, site: str, robot: str) -> Known | None:
             history.c.change_cursor,
             history.c.change_mark,
             history.c.newest_replay,
+            history.c.events_before,
         )
         .join(history, (history.c.arm == arm.c.id) & (history.c.number == arm.c.history))
         .where(arm.c.site == site, arm.c.robot == robot)
     ).one_or_none()
     if found is None:
         return None
-    number, at, identity, event, event_mark, change, change_mark, newest = found
-    return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest)
+    number, at, identity, event, event_mark, change, change_mark, newest, before = found
+    return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest, before)
 
 
 def _begin_histories(
@@ -82,7 +84,7 @@ def _begin_histories(
 ) -> None:
     """Begin histories. of : the number of the arm, and that of its history."""
     same = {"history_id": history_id, "began_at": now_unix_s, "why": why, "newest_replay": 0}
-    cursors = {"event_cursor": 0, "event_mark": "", "change_cursor": 0, "change_mark": ""}
+    cursors = {"event_cursor": 0, "event_mark": "", "change_cursor": 0, "change_mark": "", "events_before": None if why is None else 0}
     if of:
         connection.execute(sa.insert(history), [{"arm": arm, "number": number, **same, **cursors} for arm, number in of])
 
@@ -115,7 +117,13 @@ def add_audit(connection: sa.Connection, now_unix_s: float, who: str, act: str, 
 
 
 def add_transitions(
-    database: Database, at: Known, new: Sequence[Entry[Event]], cursor: Cursor, history_id: str | None, gap: Gap | None = None
+    database: Database,
+    at: Known,
+    new: Sequence[Entry[Event]],
+    cursor: Cursor,
+    history_id: str | None,
+    gap: Gap | None = None,
+    events_before: int | None = None,
 ) -> None:
     """Transitions, the cursor after them, and what is missing between them, in one transaction. Raises CursorMoved, StoreError."""
     rows: list[dict[str, Any]] = [
@@ -128,7 +136,9 @@ def add_transitions(
     ]
     database.make_partitions("transition", (row["at"] for row in rows))
     with database.write() as connection:
-        _move(connection, at, EVENTS, at.event, cursor, history_id)
+        _move(
+            connection, at, EVENTS, at.event, cursor, history_id, events_before=at.events_before if events_before is None else events_before
+        )
         _audit_gap(connection, gap)
         if rows:
             connection.execute(sa.insert(transition), rows)

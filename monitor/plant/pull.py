@@ -85,7 +85,7 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
     following: int | None = 0
     while following is not None:
         cursor = at.event if name == EVENTS else at.change
-        identity, entries, following = _page(way, prefix, name, cursor.asks_after)
+        identity, entries, following, newest = _page(way, prefix, name, cursor.asks_after)
         found = step(cursor, at.history_id, identity, entries)
         if isinstance(found, Disordered):
             raise CannotCopy(NOT_IN_ORDER)
@@ -99,15 +99,19 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
         if following is not None and not found.new:  # it would be asked the same for ever
             raise CannotCopy(NOTHING_FOLLOWS)
         gap = Gap(now(), robot, _gap(name, found.missing)) if found.missing else None
-        if name == EVENTS and (found.new or identity != at.history_id):
-            add_transitions(database, at, found.new, found.cursor, identity, gap)
+        before = newest if at.events_before is None else at.events_before
+        if name == EVENTS and (found.new or identity != at.history_id or at.events_before is None):
+            add_transitions(database, at, found.new, found.cursor, identity, gap, before)
         elif name == CHANGES and (found.new or identity != at.history_id):
             add_changes(database, at, found.new, found.cursor, identity, gap)
         if gap is not None:
             log.warning("%s: %s", robot, gap.what.text)
-        newest = max([at.newest_replay, *(entry.content.replay for entry in found.new)]) if name == CHANGES else at.newest_replay
-        at = at._replace(history_id=identity or at.history_id, newest_replay=newest)
-        at = at._replace(event=found.cursor) if name == EVENTS else at._replace(change=found.cursor)
+        at = at._replace(history_id=identity or at.history_id)
+        if name == EVENTS:
+            at = at._replace(event=found.cursor, events_before=before)
+        else:
+            newest_replay = max([at.newest_replay, *(entry.content.replay for entry in found.new)])
+            at = at._replace(change=found.cursor, newest_replay=newest_replay)
     return True
 
 
@@ -132,8 +136,8 @@ def _without_nul(value: Any) -> Any:
     return {_without_nul(key): _without_nul(each) for key, each in value.items()} if isinstance(value, dict) else value
 
 
-def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Sequence[Entry[Any]], int | None]:
-    """One page of a log: the identity of the history, entries, and whether more follow (as a number)."""
+def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Sequence[Entry[Any]], int | None, int]:
+    """One page of a log: the identity of the history, entries, whether more follow (as a number), and the newest transition there is."""
     parameter = "after" if name == EVENTS else "changed_after"
     key = f"{prefix}/{'event' if name == EVENTS else 'history'}?{parameter}={after};limit={PAGE}"
     try:
@@ -146,9 +150,10 @@ def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Seq
         document = read_document(payload)
         if name == EVENTS:
             events = read(Events, document)
-            return events.history_id, [Entry(event.seq, _event_mark(event), event) for event in events.events], events.next
+            entries = [Entry(event.seq, _event_mark(event), event) for event in events.events]
+            return events.history_id, entries, events.next, events.last or 0
         history = read(History, document)
-        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next
+        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next, 0
     except (BadInput, ValueError) as wrong:
         raise CannotCopy(ANSWER_UNREADABLE(log="event" if name == EVENTS else "history", why=str(wrong).splitlines()[0])) from None
 

@@ -15,7 +15,7 @@ from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING
 from monitor.plant.tables import arm, delivery, history, last_value, note
 from monitor.publish.documents import worded_json
-from monitor.publish.shown import Age, Grade, waiting
+from monitor.publish.shown import Age, Grade
 from monitor.publish.timestamps import rfc3339, written_if
 from monitor.reason import Reason, Sentence
 from monitor.views.alert_sentence import deciding
@@ -129,7 +129,7 @@ def arm_document(arm: HeardArm, now_unix_s: float, say: Language = ENGLISH) -> d
         "silent_why": None if arm.silent is None else say.say(arm.silent.why),
         "problem": None if arm.problem is None else say.say(arm.problem),
         "alerts": len(arm.alerts),
-        "waiting": len(waiting(arm.alerts, now_unix_s)),
+        "waiting": len(arm.waiting(now_unix_s)),
         "troubles": list(arm.troubles),
         "clock_ahead_s": arm.clock_ahead_s,
         "last_replay": written_if(None if arm.last_replay is None else arm.last_replay.window),
@@ -158,7 +158,7 @@ def as_lines(status: PlantStatus, most: int | None = None) -> list[str]:
 
 def _about(each: HeardArm, now_unix_s: float) -> str:
     """What a person must know of an arm, in one line."""
-    parts, shown, waits = [], each.shown, waiting(each.alerts, now_unix_s)
+    parts, shown, waits = [], each.shown, each.waiting(now_unix_s)
     if each.silent is not None:
         parts.append(f"SILENT since {rfc3339(each.silent.since_unix_s or 0.0)}: {each.silent.why.text}")
     if each.stale:

@@ -100,7 +100,7 @@ def test_an_alert_changes_its_tier_by_kinds_that_people_know(plant):
         plant.now += 60.0
         plant.happens("hall/cell-1", kind, tier=tier, raised_unix_s=raised)
     plant.happens("hall/cell-1", "acknowledged", joint=None, condition="stopped", tier="advisory", by="ada")
-    found = Source(plant.database).transitions(0.0).transitions
+    found = Source(plant.database).transitions().transitions
     assert [(each.kind, each.before, each.after, each.changes_tier) for each in found] == [
         ("raised", "none", "advisory", True),
         ("updated", "advisory", "advisory", False),

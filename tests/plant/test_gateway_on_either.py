@@ -52,20 +52,23 @@ def test_what_the_gateway_takes_and_owes_is_the_same_in_both_databases(database)
     source.refresh()
     assert source.arms()[ArmName("hall", "cell-1")].shown.state == "NORMAL"
     for _ in range(2):
-        taken = source.transitions(AT_UNIX_S)
+        taken = source.transitions()
         owed = [
             Delivery(key=each.id, recipient="ada", kind="alert", document={"id": each.id}, robot=str(each.arm))
             for each in taken.transitions
         ]
         with database.write() as connection:
             outbox.add(connection, "mail", owed + owed)
+            outbox.begin(connection)
+            outbox.note_taken(connection, taken.transitions)
             source.commit(connection, taken.cursors)
-    assert [(each.kind, each.before, each.after, each.at_unix_s) for each in source.between(AT_UNIX_S, AT_UNIX_S + 60.0)] == [
+    found = outbox.told(AT_UNIX_S, AT_UNIX_S + 60.0)
+    assert [(each.kind, each.before, each.after, each.at_unix_s) for each in outbox.told(AT_UNIX_S, AT_UNIX_S + 60.0)] == [
         ("raised", "none", "wear", AT_UNIX_S + 1.0),
         ("cleared", "wear", "none", AT_UNIX_S + 2.0),
     ]
     first, second = outbox.owed("mail", due_by_unix_s=now[0])
-    assert (first.made_at_unix_s, first.document["id"]) == (now[0], "hall/cell-1/j3/wear_rising/raised/wear/1780300801.000")
+    assert (first.made_at_unix_s, first.document["id"]) == (now[0], "hall/cell-1/j3/wear_rising/raised/wear/1780300801.000/1")
     outbox.gather([first.id, second.id], "m.1.a")
     outbox.delivered([first.id], {"number": "4711"})
     outbox.failed([second], "busy", dead_after_s=60.0)
@@ -77,7 +80,9 @@ def test_what_the_gateway_takes_and_owes_is_the_same_in_both_databases(database)
     now[0] += 500 * 86_400.0
     outbox.prune()
     assert outbox.answered("mail", "alert") == []
-    assert outbox.began_unix_s() == now[0]
+    assert outbox.told(AT_UNIX_S, AT_UNIX_S + 60.0) == []
+    assert outbox.taken([each.id for each in found] + ["another"]) == {each.id for each in found}  # for ever
+    assert outbox.began_unix_s() == AT_UNIX_S + 10.0
 
 
 def test_a_second_gateway_waits_for_the_end_of_the_first(database, address):

@@ -13,7 +13,7 @@ from monitor.gateway.outbox import Owed
 from monitor.gateway.values import ACTIVE, CLEARED, GRAVER, MILDER, RAISED, Delivery, Transition, page_of
 from monitor.plant.arm import HeardArm, worst_first
 from monitor.publish.documents import Alert
-from monitor.publish.shown import TIER_WORDS, Grade, Person, gravest_first, person, tier_gravity, waiting
+from monitor.publish.shown import TIER_WORDS, Grade, Person, gravest_first, person, tier_gravity
 from monitor.views.alert_sentence import JointPast, Sentences, deciding, sentences
 from monitor.views.language.catalogue import Language, full_day, moment
 from monitor.views.report.alerts import chip
@@ -181,12 +181,12 @@ def _counts(arms: Sequence[HeardArm], now_unix_s: float, say: Language) -> str:
         arms=len(arms),
         sick=sum(arm.grade is Grade.SICK for arm in arms),
         silent=sum(arm.silent is not None for arm in arms),
-        waiting=sum(len(waiting(arm.alerts, now_unix_s)) for arm in arms),
+        waiting=sum(len(arm.waiting(now_unix_s)) for arm in arms),
     )
 
 
 def _arm_row(arm: HeardArm, now_unix_s: float, say: Language, zone: ZoneInfo, link: str) -> list[object]:
-    alerts = "".join(f"<div>{escaped(_alert(alert, now_unix_s, say))}</div>" for alert in gravest_first(arm.alerts))
+    alerts = "".join(f"<div>{escaped(_alert(alert, arm.clock(now_unix_s), say))}</div>" for alert in gravest_first(arm.alerts))
     name = escaped(arm.name)
     if arm.silent is not None:
         heard = say.say("silent since {at}", at=local(arm.silent.since_unix_s or 0.0, zone))

@@ -141,9 +141,10 @@ class People:
         """Until when an alert that nobody has acknowledged is shelved; now where it is not; None where nobody need be told."""
         arm = self._surroundings.arms().get(ArmName(document["site"], document["robot"]))
         alert = arm.alert(document["joint"], document["condition"]) if arm is not None else None
-        if alert is None or alert.acknowledged_at is not None or tier_gravity(alert.tier) < WEAR:
+        if arm is None or alert is None or alert.acknowledged_at is not None or tier_gravity(alert.tier) < WEAR:
             return None
-        return now_unix_s if alert.shelved_until is None else max(alert.shelved_until.timestamp(), now_unix_s)
+        shelved_s = 0.0 if alert.shelved_until is None else alert.shelved_until.timestamp() - arm.clock(now_unix_s)
+        return now_unix_s + max(shelved_s, 0.0)
 
     def _gather(self, owed: list[Owed], now_unix_s: float) -> None:
         stuck = _stuck(owed)

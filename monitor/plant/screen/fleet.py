@@ -130,7 +130,8 @@ def shown_arm(
         **arm_document(arm, now_unix_s, say),
         "joints": [each.shown.pill.value for each in arm.joints],
         "alerts": [
-            _alert(each, tickets.get((str(arm.name), each.joint, each.condition)), now_unix_s, say) for each in arm.alerts[:MOST_ALERTS]
+            _alert(each, tickets.get((str(arm.name), each.joint, each.condition)), arm.clock(now_unix_s), say)
+            for each in arm.alerts[:MOST_ALERTS]
         ],
     }
 
