@@ -96,6 +96,7 @@ class Identification:
     held_out: Mapping[str, float] | None = None  # law → RMS residual on data left out, in units of the noise; with `auto` only
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): without scale and correlation of the noise
     warming_k_per_min: Array | None = None  # (J,) slope of temperature; while it is positive, the grease is colder than the sensor
+    temperature_constant: Array | None = None  # (J,) 1 where every reading of the temperature was one and the same number, else 0
     mean_speed_rad_s: Array | None = None  # (J,) mean |q̇|
     residual_friction: ResidualFrictionFit | None = None  # None: not asked for
     residual_peak_rad: Array | None = None  # (J,) where along the joint the residual is largest; NaN where it did not move

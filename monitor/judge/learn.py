@@ -264,7 +264,7 @@ def _after(belief: Belief, result: StepResult, at_unix_s: float) -> Belief:
 
 
 TEMPERATURE_STUCK = Sentence(
-    "temperature_stuck", "joints {joints}: the temperature sensor stands still while the other joints warm and cool: not believed"
+    "temperature_stuck", "joints {joints}: the temperature stands still, from replay to replay, as no working sensor's does: not believed"
 )
 CONTEXT_CHANGED = Sentence("context_changed", "{what}")
 TEMPERATURE_UNKNOWN = Sentence(

@@ -1,6 +1,7 @@
 """The temperature laws fv(T) and fc(T) after one replay and after many, and temperature sensors that are stuck."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,9 @@ from monitor.judge.temperature.laws import (
     reopen_law,
     update_law,
 )
-from monitor.judge.temperature.stuck import stuck_sensors, update_sensors
+from monitor.judge.temperature.stuck import held_still, stuck_sensors, update_sensors
+from monitor.studies.worlds.laws import SENSOR_STEP_K
+from monitor.studies.worlds.table import WORLDS
 
 SETTINGS = TemperatureSettings()
 ONE = np.ones(1)
@@ -152,6 +155,96 @@ def test_a_sensor_that_changes_again_is_used_again():
     for _ in range(20):
         sensors = update_sensors(sensors, np.full(6, 30.0), 6)
     assert not stuck_sensors(sensors).any()
+
+
+def year_of(frozen: Callable[[int, np.ndarray], np.ndarray], days: int, *, constant: bool = False) -> History:
+    """A winter of daily replays whose sensors say `frozen(day, true temperatures)`; `constant`: they say it throughout each replay."""
+    history, arm, rng = History(), Arm(seed=5, noise=0.01, autocorrelation=0.5), np.random.default_rng(5)
+    for day in range(days):
+        true = 31.0 - 8.0 * np.sin(2 * np.pi * day / 365.0) + 1.5 * rng.normal() + 0.3 * rng.normal(size=6)
+        said = frozen(day, true.copy())
+        held = (said != true).astype(float) if constant else None
+        history.add(day, replace(arm.replay(true), temperature_c=said, temperature_constant=held))
+    return history
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("at_c", [None, 0.0, 34.0])
+@pytest.mark.parametrize("joints", [(0, 1, 2, 3, 4, 5), (0, 1, 3, 4), (2, 4, 5)])
+def test_any_sensors_that_stand_still_are_told_whatever_the_others_do(joints, at_c):
+    """From day 40 on, all sensors or some say what they said last, or a value of their own: their alerts within two weeks, and no other."""
+    last: list[np.ndarray] = []
+
+    def frozen(day, true):
+        if day >= 40:
+            last.append(true.copy())
+            true[list(joints)] = last[0][list(joints)] if at_c is None else at_c
+        return true
+
+    history = year_of(frozen, 70)
+    told = {joint for _, _, joint, condition, _ in history.transitions if condition == "temperature_sensor"}
+    assert told == ({None} if len(joints) == 6 else {j + 1 for j in joints})
+    assert {condition for *_, condition, _ in history.transitions} == {"temperature_sensor"}
+    assert 40 < min(day for day, *_ in history.transitions) <= max(day for day, *_ in history.transitions) <= 54
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joints", [(0, 1, 2, 3, 4, 5), (0, 1, 2, 3, 4)])
+def test_sensors_that_never_moved_are_told(joints):
+    """All six say one and the same number throughout every replay from the first day on; or five of them do, and the sixth moves."""
+
+    def frozen(_, true):
+        true[list(joints)] = 31.0
+        return true
+
+    history = year_of(frozen, 20, constant=True)
+    assert {joint for _, _, joint, *_ in history.transitions} == ({None} if len(joints) == 6 else {j + 1 for j in joints})
+    assert {condition for *_, condition, _ in history.transitions} == {"temperature_sensor"}
+
+
+def test_friction_that_falls_in_all_joints_under_sensors_that_never_moved_is_not_told_as_friction():
+    """A season that the sensors miss takes 7.6 % off the friction of every joint: the sensors are told, and nothing has fallen."""
+    history = History()
+    for day in range(60):
+        history.add(day, Arm(seed=day, noise=0.005).replay(30.0, np.full(6, -0.076 * (day >= 40))))
+    assert {(joint, condition) for _, _, joint, condition, _ in history.transitions} == {(None, "temperature_sensor")}
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["plain", "summer-24", "four-a-day"])
+def test_sensors_of_healthy_arms_are_not_taken_for_stuck(name):
+    """At most 0.01 findings a robot-year, in worlds whose sensors have the steps of real ones."""
+    world, rng, arms = WORLDS[name], np.random.default_rng(1), 60
+    every, days = world.replays_a_day, 1095
+    heat = world.heat.at_replays(rng, (days * every, arms, 6), every)
+    said = np.rint((heat.motor_c + 0.01 * rng.normal(size=(days * every, arms, 6))) / SENSOR_STEP_K) * SENSOR_STEP_K
+    sensors, findings, before = None, 0, np.zeros(arms * 6, dtype=bool)
+    for replay in said:
+        sensors = update_sensors(sensors, replay.ravel(), 6, days=np.full(arms * 6, 1.0 / every))
+        found = stuck_sensors(sensors) | held_still(sensors)
+        findings, before = findings + np.count_nonzero(found & ~before), found
+    assert findings <= 0.01 * arms * days / 365.0
+
+
+@pytest.mark.parametrize("step_k", [1.0 / 16.0, 1.0 / 4.0, 1.0])
+def test_a_calm_laboratory_is_no_stuck_sensor(step_k):
+    """Sensors of coarse steps where the temperature varies by a tenth of a kelvin: they say the same for weeks, and are right."""
+    rng, sensors = np.random.default_rng(2), None
+    room = 30.0 + rng.normal(size=(40, 1))
+    for _ in range(730):
+        true = room + 0.1 * rng.normal(size=(40, 1)) + 0.1 * rng.normal(size=(40, 6))
+        said = np.mean(np.rint((true + 0.02 * rng.normal(size=(50, 40, 6))) / step_k) * step_k, axis=0)
+        sensors = update_sensors(sensors, said.ravel(), 6)
+        assert not held_still(sensors).any()
+
+
+def test_replays_within_an_hour_do_not_count_for_a_sensor_that_stands_still():
+    """A warm arm that replays every few minutes keeps its temperature."""
+    rng, sensors = np.random.default_rng(3), None
+    for replay in range(60):
+        T = 30.0 + rng.normal(size=6) if replay < 20 else np.full(6, 30.0)
+        sensors = update_sensors(sensors, T, 6, days=np.full(6, 1.0 if replay < 20 else 0.01))
+    assert not held_still(sensors).any()
 
 
 @pytest.mark.slow

@@ -54,6 +54,12 @@ def warming(recordings: Sequence[Recording]) -> Array | None:
     return mean
 
 
+def constant(recordings: Sequence[Recording]) -> Array | None:
+    """(J,) 1 where a joint's readings are one and the same number in all recordings, else 0; None where one has no temperatures."""
+    known = [each.temperature_c for each in recordings if each.temperature_c is not None]
+    return np.all(np.concatenate(known) == known[0][0], axis=0).astype(float) if len(known) == len(recordings) else None
+
+
 def _slope(t_s: Array, temperature_c: Array) -> float:
     """Slope of a column (N,) over time [K/min]; NaN where no time passes."""
     if len(t_s) < 2 or not np.ptp(t_s) > 0.0:

@@ -30,6 +30,7 @@ from monitor.judge.belief import Belief
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
+from monitor.judge.temperature.stuck import all_held_still
 from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 
@@ -261,8 +262,8 @@ def _lowest_at_unix_s(belief: Belief, j: int) -> float | None:
 
 
 def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus | None:
-    """Friction that rose, or fell, in most joints together; None where the replay taught nothing of most of them."""
-    if 2 * np.count_nonzero(situation.belief.learnt_from) < situation.belief.joints:
+    """Friction that rose, or fell, in most joints together; None where nothing was learnt of most, or no temperature is known."""
+    if _temperatures_stand_still(situation) or 2 * np.count_nonzero(situation.belief.learnt_from) < situation.belief.joints:
         return None
     belief, evidence, settings = situation.belief, situation.evidence, situation.settings
     together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
@@ -323,7 +324,14 @@ def _lacks_temperature(situation: JointSituation) -> bool | None:
 
 
 def _arm_lacks_temperature(situation: ArmSituation) -> bool:
-    return not np.isfinite(situation.belief.temperature_c).any()
+    together = bool(situation.evidence.together[0]) and _temperatures_stand_still(situation)
+    return together or not np.isfinite(situation.belief.temperature_c).any()
+
+
+def _temperatures_stand_still(situation: ArmSituation) -> bool:
+    """Whether no joint's sensor moves: what most joints do together is then what their sensors do not tell."""
+    sensors = situation.belief.sensors
+    return sensors is not None and all_held_still(sensors)
 
 
 def _unreliable(situation: JointSituation) -> bool | None:
@@ -352,7 +360,8 @@ NO_TEMPERATURE = Sentence(
     "no_temperature", "{joint:joint} tells no temperature, or none that can be believed, in {replays} replays in a row."
 )
 NO_TEMPERATURES = Sentence(
-    "no_temperatures", "No joint's temperature is known in {replays} replays in a row: of wear nothing is told until one is."
+    "no_temperatures",
+    "No joint tells a temperature that can be believed, in {replays} replays in a row: of wear nothing is told until one does.",
 )
 NOT_RESOLVED = Sentence(
     "not_resolved", "{joint:joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."
@@ -496,14 +505,17 @@ CONDITIONS: dict[str, AlertCondition] = {
         ),
         AlertCondition(
             name="temperature_sensor",
-            headlines=Headlines(joint="{joint:name} reports no temperature that can be believed.", arm="No joint reports its temperature."),
+            headlines=Headlines(
+                joint="{joint:name} reports no temperature that can be believed.",
+                arm="No joint reports a temperature that can be believed.",
+            ),
             joint=repeated(_lacks_temperature, NO_TEMPERATURE),
             arm=repeated(_arm_lacks_temperature, NO_TEMPERATURES),
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
                     "Check the temperature reading: without it, or with a wrong one, cold looks like wear.",
-                    "three replays in a row without a temperature, or with one that stands still while the others move",
+                    "three replays in a row without a temperature, or with one that stands still though the others move or it used to",
                 )
             },
         ),

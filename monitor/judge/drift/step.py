@@ -43,7 +43,7 @@ from monitor.judge.drift.update.filter_update import update_filter
 from monitor.judge.drift.update.lowest_level import count_from_lowest
 from monitor.judge.drift.usage import Usage, no_usage, update_usage
 from monitor.judge.temperature.laws import Law, TemperatureSettings, initial_law, inside_range, reopen_law, update_law
-from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, stuck_sensors, suspect_sensors, update_sensors
+from monitor.judge.temperature.stuck import SensorHistory, forget_sensors, held_still, stuck_sensors, suspect_sensors, update_sensors
 from monitor.recording import Array
 
 
@@ -205,7 +205,7 @@ def learn_from_production(state: DriftState, joint: JointReplay, drift: DriftSet
 
     It says nothing of the channels beside F(v*), of the temperature laws of fc and fv, of T0, and of sensors: those are the replays'.
     """
-    suspect = np.zeros(state.joints, dtype=bool) if state.sensors is None else suspect_sensors(state.sensors)
+    suspect = np.zeros(state.joints, dtype=bool) if state.sensors is None else suspect_sensors(state.sensors) | held_still(state.sensors)
     seen = withhold(joint, suspect)
     began = begin_production(state.filter_state, state.joints_per_arm, drift)
     state = replace(state, filter_state=reopen_production(began, joint.opened))
@@ -279,8 +279,17 @@ def look_beside(state: DriftState, joint: JointReplay, observation: Observation)
 def check_sensors(state: DriftState, joint: JointReplay) -> tuple[DriftState, np.ndarray, np.ndarray]:
     """The state with the sensors' history after this replay, which joints' temperature sensors are stuck, and which may be, (N,) each."""
     measured = np.where(joint.replayed, joint.observation.temperature_c, np.nan)
-    sensors = update_sensors(state.sensors, measured, state.joints_per_arm)
-    return replace(state, sensors=sensors), stuck_sensors(sensors), suspect_sensors(sensors)
+    seen, sources = joint.observation, state.filter_state.sources
+    sensors = update_sensors(
+        state.sensors,
+        measured,
+        state.joints_per_arm,
+        warming_k_per_min=seen.warming_k_per_min,
+        constant=seen.temperature_constant if len(seen.temperature_constant) else None,
+        days=joint.days if sources is None else sources.since_days + joint.days,
+    )
+    still = held_still(sensors)
+    return replace(state, sensors=sensors), stuck_sensors(sensors) | still, suspect_sensors(sensors) | still
 
 
 def withhold(joint: JointReplay, suspect: np.ndarray) -> Observation:
