@@ -15,13 +15,14 @@ from monitor.config.files import find_cell, find_excitation, find_prior
 from monitor.config.schema import Configuration, RobotSettings, assess_sections, section_classes, text_keys
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
-from monitor.errors import ArchiveRefused, BadConfiguration, BadInput
+from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.settings import AssessSettings
 from monitor.model.robot import Mounting, load_robot
 from monitor.publish.session import BusSettings, check_syntax, prefix, read_as_session
 from monitor.publish.timestamps import unix_s
 from monitor.store.archive.places import FOLDER, authority_of, keys_of
+from monitor.store.disk import refuse_network
 
 Made = TypeVar("Made")
 
@@ -210,6 +211,7 @@ def _read_files(configuration: Configuration, mistakes: list[Mistake], *, secret
         _checked(mistakes, ("bus", "client_zenoh"), lambda: check_syntax(bus.client_zenoh))
     if page.listen and (secrets_needed or not page.token_file.startswith(FOLDER)):
         _checked(mistakes, ("page", "token_file"), lambda: page.token(configuration.path.parent))
+    _checked(mistakes, ("store", "directory"), lambda: refuse_network(configuration.state_directory))
     if archive is not None:
         if secrets_needed or not archive.keys_file.startswith(FOLDER):
             _checked(mistakes, ("store", "recordings_keys_file"), lambda: keys_of(archive))
@@ -217,9 +219,9 @@ def _read_files(configuration: Configuration, mistakes: list[Mistake], *, secret
 
 
 def _checked(mistakes: list[Mistake], key: tuple[str, ...], make: Callable[[], Made]) -> Made | None:
-    """Calls `make`. Where it raises BadInput or ArchiveRefused, adds its message to `mistakes` and returns None."""
+    """Calls `make`. Where it raises BadInput or StoreError, adds its message to `mistakes` and returns None."""
     try:
         return make()
-    except (BadInput, ArchiveRefused) as error:
+    except (BadInput, StoreError) as error:
         mistakes.append(of_key(key, str(error)))
         return None

@@ -18,6 +18,7 @@ from monitor.errors import BadInput, StoreError
 from monitor.plant.database import Database
 from monitor.plant.ingest import add_audit
 from monitor.plant.tables import EVERY_TABLE, FROM_ARMS, NUMBERED, PARTITIONED, arm, audit, delivery
+from monitor.store.disk import DAMAGE, refused_by
 
 ROWS = 5000  # copied at once
 SQLITE = b"SQLite format 3\0"
@@ -111,6 +112,8 @@ def _copy_checked(source: Path, copied: Path) -> None:
             wrong = copy.execute("PRAGMA quick_check(1)").fetchone()[0]
             tables = {name for (name,) in copy.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     except sqlite3.Error as error:
+        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF not in DAMAGE:
+            raise BadInput(f"{refused_by(error, source)}; {nothing}") from None
         raise BadInput(f"{source}: is damaged: {error}; {nothing}. Expected a whole copy of the backup") from None
     if wrong != "ok":
         raise BadInput(f"{source}: is damaged: {' '.join(str(wrong).split())}; {nothing}. Expected a whole copy of the backup")

@@ -5,6 +5,7 @@ A database that does not answer is `DatabaseUnavailable`: whoever can wait tries
 
 import logging
 import re
+import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -22,6 +23,7 @@ from alembic.script import ScriptDirectory
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.plant.tables import PARTITIONED
 from monitor.recording import DAY_S
+from monitor.store.disk import refused_by
 
 MIGRATIONS = Path(__file__).parent / "migrations"
 # times outside are some clock's mistake, and share one partition: an arm that sends any of them can make no more than 300 tables
@@ -242,6 +244,13 @@ class Database:
         self._partitions.clear()
         self._engine.dispose()
 
+    def _said(self, error: sa.exc.SQLAlchemyError) -> str:
+        """The sentence of a database that cannot be worked with now."""
+        orig = getattr(error, "orig", None)
+        if self._file is not None and isinstance(orig, sqlite3.Error) and getattr(orig, "sqlite_errorcode", 1) != sqlite3.SQLITE_ERROR:
+            return str(refused_by(orig, self._file))
+        return f"{self.name}: {_sentence(error)}"
+
     @contextmanager
     def _refusals(self) -> Iterator[None]:
         """Errors of the driver as errors of ours, in a sentence."""
@@ -254,7 +263,7 @@ class Database:
             sa.exc.InternalError,
             sa.exc.TimeoutError,
         ) as error:
-            unavailable = DatabaseUnavailable(f"{self.name}: {_sentence(error)}")
+            unavailable = DatabaseUnavailable(self._said(error))
             unavailable.locked = getattr(getattr(error, "orig", None), "sqlstate", None) == LOCK_NOT_AVAILABLE
             raise unavailable from None
         except (sa.exc.DataError, sa.exc.IntegrityError, OverflowError) as error:

@@ -8,10 +8,11 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor import __version__
-from monitor.errors import StoreError, StoreUnavailable
+from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.plant.arm import ArmName
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
@@ -21,6 +22,7 @@ from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, log_refusals, read_as_session
 from monitor.service.systemd import Heartbeats, StatusLine, Watchdog, notify
+from monitor.store.disk import refuse_network
 
 if TYPE_CHECKING:
     from monitor.plant.screen.app import ScreenServer
@@ -163,6 +165,11 @@ def _metrics(configuration: PlantConfiguration, database: Database) -> "MetricsS
 def check_files(configuration: PlantConfiguration) -> None:
     """Read the files that the configuration names. Raises BadInput where one cannot be read, or is not what it should be."""
     read_as_session(configuration.zenoh_file)
+    if isinstance(configuration.database, Path):
+        try:
+            refuse_network(configuration.database.parent)
+        except StoreError as error:
+            raise BadConfiguration(error.reason) from None
     if (users := configuration.screen.users_path(configuration.folder)) is not None:
         from monitor.plant.screen.settings import read_users_file
 

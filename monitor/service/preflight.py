@@ -18,7 +18,8 @@ from monitor.reason import Sentence
 from monitor.service.history.assess_and_store import misfit
 from monitor.service.node import node_conditions
 from monitor.store.archive.archive import Archive
-from monitor.store.backup import HISTORY, backups, connected, lost, made_at_unix_s, present
+from monitor.store.backup import HISTORY, backups, checked, connected, lost, made_at_unix_s, present
+from monitor.store.disk import damaged, not_writable, refuse_network, refused_by
 from monitor.store.history.database import version_of
 from monitor.store.store import Store
 
@@ -30,8 +31,6 @@ FLEET_PRIOR = Sentence("fleet_prior", "joints begin with the prior of a fleet of
 CANNOT_BE_MADE = Sentence("history_cannot_be_made", "{folder}: cannot be made: {parent} cannot be written to")
 NOTHING_YET = Sentence("history_not_begun", "{folder}: nothing yet; the first run makes it")
 HISTORY_LOST = Sentence("history_lost", "{path}: {why}; " + RESTORES + " what can be")
-DAMAGED = Sentence("history_file_damaged", "{path}: damaged ({why}); " + RESTORES + " the newest good backup")
-NOT_WRITABLE = Sentence("history_not_writable", "{path}: cannot be written by this user")
 MISFIT = Sentence("history_misfit", "{path}: {why}")
 NO_BACKUP, NEWEST_BACKUP = Sentence("no_backup_yet", "no backup yet"), Sentence("newest_backup", "the newest backup is of {at}")
 SOUND = Sentence("history_sound", "sound, {windows} windows")
@@ -78,6 +77,7 @@ def _history(configuration: Configuration) -> ConditionResult:
     directory = configuration.state_directory
     path = directory / HISTORY
     try:
+        refuse_network(directory)
         is_there = present(directory)
     except StoreError as error:
         return ConditionResult(name="history", holds=False, reason=error.reason)
@@ -90,18 +90,18 @@ def _history(configuration: Configuration) -> ConditionResult:
         return ConditionResult(name="history", holds=False, reason=HISTORY_LOST(path=str(path), why=wrong))
     try:
         with closing(connected(path, "ro")) as connection:
-            result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            wrong = checked(connection, path)
             version = version_of(connection, directory)
             rows = connection.execute("SELECT count(*) FROM ledger").fetchone()[0] if version else 0
             bound = connection.execute(BOUND_TO).fetchone() if version else None
     except StoreError as error:
         return ConditionResult(name="history", holds=False, reason=error.reason)
     except sqlite3.Error as error:
-        return ConditionResult(name="history", holds=False, reason=DAMAGED(path=str(path), why=str(error)))
-    if result != "ok":
-        return ConditionResult(name="history", holds=False, reason=DAMAGED(path=str(path), why=result))
-    if not os.access(path, os.W_OK) or not os.access(directory, os.W_OK):
-        return ConditionResult(name="history", holds=False, reason=NOT_WRITABLE(path=str(path)))
+        return ConditionResult(name="history", holds=False, reason=refused_by(error, path).reason)
+    if wrong is not None:
+        return ConditionResult(name="history", holds=False, reason=damaged(path, wrong))
+    if (refused := not_writable(path)) is not None:
+        return ConditionResult(name="history", holds=False, reason=refused.reason)
     if bound is not None and (why := misfit(configuration, *bound)) is not None:
         return ConditionResult(name="history", holds=False, reason=MISFIT(path=str(path), why=why))
     newest = next(iter(backups(directory)), None)

@@ -1,6 +1,5 @@
 """Backups of the history, and its restoration: a damaged file is set aside, never deleted, and the newest good backup replaces it. I/O."""
 
-import errno
 import os
 import re
 import sqlite3
@@ -12,10 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from monitor.errors import StoreError, StoreUnavailable
+from monitor.errors import StoreError
 from monitor.reason import Reason, Sentence
+from monitor.store.disk import DAMAGE, damaged, owner_of, refused_by
 
-DAMAGED = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB})  # what SQLite says of a file that is not as it was written
 HISTORY = "history.sqlite"
 _NAME = re.compile(r"history-(\d{8}T\d{6}Z)\.sqlite\Z")
 _STAMP = "%Y%m%dT%H%M%SZ"
@@ -27,6 +26,7 @@ BEGUN_ANEW = Sentence(
     "the history was damaged ({why}) and was replaced by nothing: there was no good backup; recordings on disk are judged anew",
 )
 SET_ASIDE = Sentence("history_set_aside", "{outcome}; it was kept as {file}")
+NO_BACKUP = Sentence("backup_not_written", "the backup cannot be written: {why}")
 
 
 class Restored(NamedTuple):
@@ -61,20 +61,12 @@ def present(directory: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError):
         return False
     except PermissionError:
-        owner = _owner(directory)
+        owner = owner_of(directory)
         raise StoreError(
             f"{directory}: may not be read by this user (uid {os.geteuid()}); "
             + (f"as the one whose it is: sudo -u {owner} joint-monitor …" if owner else "as root: sudo joint-monitor …")
         ) from None
     return (directory / HISTORY).is_file()
-
-
-def _owner(directory: Path) -> str | None:
-    """The name of its owner; None where this user may not see even that."""
-    for folder in (directory, directory.parent):
-        with suppress(OSError, KeyError):
-            return folder.owner()
-    return None
 
 
 def hand_over(directory: Path) -> None:
@@ -90,19 +82,6 @@ def hand_over(directory: Path) -> None:
                 os.chown(path, whose.st_uid, whose.st_gid, follow_symlinks=False)
 
 
-def refused_by(error: OSError | sqlite3.Error, path: Path) -> StoreError:
-    """The error of a disk or a database as a StoreError with a sentence; StoreUnavailable where a later attempt may succeed."""
-    if isinstance(error, OSError):
-        kind = StoreUnavailable if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO} else StoreError
-        return kind(f"{path}: cannot be written: {error.strerror}")
-    code = getattr(error, "sqlite_errorcode", None)
-    causes = {sqlite3.SQLITE_FULL: " (no space is left)", sqlite3.SQLITE_IOERR: " (the disk is full, or fails)"}
-    known = None if code is None else code & 0xFF
-    kind = StoreUnavailable if known in {*causes, sqlite3.SQLITE_READONLY} else StoreError
-    causes |= dict.fromkeys(DAMAGED, "; the next start of `joint-monitor run` sets the file aside and puts the newest backup in its place")
-    return kind(f"{path}: {error}{causes.get(known, '') if known is not None else ''}")
-
-
 def fault(path: Path) -> str | None:
     """The damage found in a database file; None where it is sound.
 
@@ -111,14 +90,23 @@ def fault(path: Path) -> str | None:
     try:
         # not read-only: after a power cut the write-ahead log may lack its index, which only a writer may create
         with closing(connected(path, "rw", isolation_level=None, timeout=2.0)) as connection:
-            result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+            return checked(connection, path)
     except sqlite3.DatabaseError as error:
-        if error.sqlite_errorcode & 0xFF not in DAMAGED:
+        if error.sqlite_errorcode & 0xFF not in DAMAGE:
             raise refused_by(error, path) from None
         return str(error)
+
+
+def checked(connection: sqlite3.Connection, path: Path) -> str | None:
+    """The damage that SQLite finds; None: there is none. Raises sqlite3.Error, or StoreError where a page could not be read."""
+    result = str(connection.execute("PRAGMA quick_check(1)").fetchone()[0])
+    connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+    if (code := re.search(r"error code=(\d+)", result)) and int(code[1]) & 0xFF not in DAMAGE:
+        wrong = sqlite3.OperationalError(result.splitlines()[-1])
+        wrong.sqlite_errorcode = int(code[1])
+        raise refused_by(wrong, path)
     # the first line only names the database: `*** in database main ***`
-    return None if result == "ok" else next((line for line in str(result).splitlines() if not line.startswith("***")), "damaged")
+    return None if result == "ok" else next((line for line in result.splitlines() if not line.startswith("***")), "damaged")
 
 
 def lost(directory: Path) -> str | None:
@@ -155,10 +143,10 @@ def back_up(directory: Path, keep: int) -> Path:
             copy.execute("PRAGMA journal_mode = DELETE")  # one file, readable where nothing can be written
         wrong = fault(temporary)
         if wrong is not None:
-            raise StoreError(f"{directory / HISTORY}: damaged: its backup says {wrong}")
+            raise StoreError(damaged(directory / HISTORY, f"its backup says {wrong}"))
         settle(temporary, target)
     except (OSError, sqlite3.Error) as error:
-        raise StoreError(f"{target}: the backup cannot be written: {error}") from None
+        raise StoreError(NO_BACKUP(why=refused_by(error, target).reason)) from None
     finally:
         with suppress(OSError):  # a renamed file is no longer here; another error is reported by its own exception
             temporary.unlink()

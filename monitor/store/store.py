@@ -17,7 +17,8 @@ from monitor.errors import StoreError, StoreInUse
 from monitor.reason import Sentence
 from monitor.store.archive.archived import Archived, Retention
 from monitor.store.archive.places import ArchiveSettings
-from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, refused_by, restore
+from monitor.store.backup import HISTORY, Restored, back_up, connected, hand_over, lost, present, restore
+from monitor.store.disk import refuse_network, refused_by
 from monitor.store.history.assessments import Assessments
 from monitor.store.history.database import Database, Notes, begin_history, version_of
 from monitor.store.history.duties import Duties
@@ -62,8 +63,10 @@ class Store:
     def open(cls, directory: Path) -> Iterator["Store"]:
         """Open the store for its one writer. A damaged history is set aside and replaced by its newest good backup: see `restored`.
 
-        Raises StoreError where the directory cannot be written, another process has it, or the file is newer, older or another program's.
+        Raises StoreError where the directory is on a network or cannot be written, another process has it, or the file is newer, older or
+        another program's.
         """
+        refuse_network(directory)
         try:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             lock = os.open(directory / "lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o644)
@@ -132,6 +135,7 @@ class Store:
         Raises StoreError where the directory cannot be written, or the file is damaged, newer or older.
         """
         path = directory / HISTORY
+        refuse_network(directory)
         try:
             (directory / "recordings").mkdir(parents=True, exist_ok=True)
             connection = sqlite3.connect(path, isolation_level=None, timeout=5.0)

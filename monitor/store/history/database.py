@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 from monitor.errors import OlderHistory, StoreError
 from monitor.reason import Reason, reason_from, reason_of
-from monitor.store.backup import HISTORY, refused_by
+from monitor.store.backup import HISTORY
+from monitor.store.disk import refused_by
 
 APPLICATION = 0x4A4D6F6E  # "JMon": marks the file as a history of joint-monitor 1.0 or later, whose versions count from 1
 VERSION = 1

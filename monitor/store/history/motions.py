@@ -15,7 +15,7 @@ from typing import Any
 
 from monitor.errors import MotionRefused
 from monitor.reason import Reason, Sentence, reason_from
-from monitor.store.backup import refused_by
+from monitor.store.disk import refused_by
 from monitor.store.history.database import Database, Document, json_text, reason_column, set_note, stored_reason
 
 LOCK = "motion.lock"  # held by the process that moves the arm; the kernel lets go of it when that process ends, however it ends
