@@ -15,7 +15,7 @@ from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.safety.way import Left
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState, Identity
+from monitor.acquire.state import ArmState, Identity, Services
 from monitor.errors import MonitorError
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -162,6 +162,9 @@ class Driver(Protocol):
 
     def identity(self, host: str) -> Identity:
         """Who the robot says it is. Raises RobotUnreachable."""
+
+    def services(self, host: str) -> Services:
+        """Which services that a motion needs take a connection; nothing is sent to them."""
 
     def model_of(self, identity: Identity) -> str | None:
         """The shipped model that a controller names; None where it names none of them."""

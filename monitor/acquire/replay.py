@@ -63,6 +63,7 @@ def check(
             context=context,
             now_unix_s=time.time(),
             identity=identity,
+            services=driver.services(settings.host),
             unreachable=unreachable,
             state=driver.state(settings.host, settings.rate_hz, settings.startup_timeout_s),
             last=last or LastMotion(),

@@ -106,6 +106,14 @@ class JointLimits(NamedTuple):
     speed_rad_s: tuple[float, ...]  # (J,)
 
 
+class Services(NamedTuple):
+    """The services of a controller that a motion needs, each with its port, as somebody looks for them."""
+
+    open: tuple[str, ...]
+    closed: tuple[str, ...] = ()
+    switch: str = ""  # where the controller switches them on
+
+
 class Software(NamedTuple):
     """What the driver knows of the controller's software."""
 

@@ -19,7 +19,7 @@ from monitor.acquire.safety import oversight
 from monitor.acquire.safety.inputs import LastMotion, Permit
 from monitor.acquire.safety.torque_basis import BandBasis
 from monitor.acquire.settings import ReplaySettings
-from monitor.acquire.state import Identity
+from monitor.acquire.state import Identity, Services
 from monitor.acquire.ur.driver import cause_of_death, understood
 from monitor.acquire.ur.rtde import COLUMN, WIDTH
 from monitor.acquire.watch import LAST_WORDS, Caller
@@ -154,6 +154,9 @@ class ScriptedDriver:
         if host != SETTINGS.host:
             raise RobotUnreachable(f"{host}: nobody")
         return self._identity
+
+    def services(self, host):
+        return Services((host,))
 
     def state(self, host, rate_hz, timeout_s):
         return ready_state()

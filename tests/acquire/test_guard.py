@@ -17,7 +17,7 @@ from monitor.acquire.safety.conditions import CONDITIONS, conditions
 from monitor.acquire.safety.inputs import ConditionInputs, LastMotion, Permit
 from monitor.acquire.safety.of_state import tilt_deg
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState, Identity, JointLimits
+from monitor.acquire.state import ArmState, Identity, JointLimits, Services
 from monitor.acquire.ur.driver import understood
 from monitor.design.cell import plain_cell
 from monitor.errors import BadInput, MotionRefused
@@ -177,6 +177,7 @@ def inputs(state: ArmState | None = None, **changes) -> ConditionInputs:
         context=Context(robot="ur5", payload_kg=1.0, mounting_rad=(0.0, 0.0, 0.0)),
         now_unix_s=NOON,
         identity=told("UR5", "2016331234", "3.15.8.106339", True, JointLimits((-6.3,) * 6, (6.3,) * 6, (3.4,) * 6)),
+        services=Services(("Primary Client Interface (30001)",)),
         state=state,
         installation=Installation(
             payload_cog_m=(0.0, 0.0, 0.05),

@@ -548,6 +548,7 @@ MOTION_CONDITIONS: dict[str, tuple[str, ...]] = {  # each condition before a mot
         "store/test_store.py::test_a_stop_waits_until_a_person_allows_motion_again",
         "acquire/test_guard.py::test_each_condition_can_fail_and_is_the_one_that_is_named",
     ),
+    "services": ("acquire/test_services.py::test_a_closed_port_is_named_with_the_menu_that_opens_it",),
     "robot_model": ("acquire/test_guard.py::test_each_condition_can_fail_and_is_the_one_that_is_named",),
     "software": (
         "acquire/test_installation.py::test_software_that_nobody_tested_is_refused_and_what_crashes_always_is",

@@ -33,6 +33,7 @@ CONDITIONS = (  # in the order in which a person would check them
     Condition("tcp_speed", "configuration", of_installation.tcp_speed),
     Condition("safety_planes", "configuration", of_installation.safety_planes),
     Condition("previous_stop", "configuration", of_configuration.previous_stop),
+    Condition("services", "controller", of_controller.services, at_the_last=False),
     Condition("robot_model", "controller", of_controller.robot_model),
     Condition("software", "controller", of_controller.software),
     Condition("serial", "controller", of_controller.serial),

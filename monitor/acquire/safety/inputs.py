@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from monitor.acquire.safety.way import Left, Way, way
 from monitor.acquire.settings import Installation, ReplaySettings
-from monitor.acquire.state import ArmState, Identity
+from monitor.acquire.state import ArmState, Identity, Services
 from monitor.errors import MotionRefused
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
@@ -44,6 +44,7 @@ class ConditionInputs:
     now_unix_s: float = 0.0
     identity: Identity | None = None  # None: the robot has not been asked, or does not answer
     state: ArmState | None = None  # None: no data has come from the robot
+    services: Services | None = None  # None: nobody has tried them: a motion connects to each itself
     unreachable: Reason | None = None  # why there is no identity, where the robot was asked for it
     last: LastMotion = LastMotion()
     permit: Permit | None = None  # the answer over Zenoh; None: nobody was asked

@@ -2,12 +2,29 @@
 
 import numpy as np
 
-from monitor.acquire.safety.inputs import ConditionInputs, Unreported
+from monitor.acquire.safety.inputs import CONTROLLER_UNKNOWN, ConditionInputs, Unreported
 from monitor.acquire.safety.of_configuration import CHECK_RATE_HZ
 from monitor.errors import MotionRefused
 from monitor.reason import Reason, Sentence
 
 ROUNDING_RAD = 1e-6  # [rad, rad/s] a trajectory may be designed up to the limit itself
+
+
+SERVICES_CLOSED = Sentence("services_closed", "nobody answers at {closed}: switch it on in {switch}")
+SERVICES_OPEN = Sentence("services_open", "{open} take connections")
+SERVICES_NOT_ASKED = Sentence("services_not_asked", "a motion connects to each of them itself")
+
+
+def services(inputs: ConditionInputs) -> Reason:
+    """Every service of the controller that a motion needs takes a connection."""
+    found = inputs.services
+    if found is None:
+        raise Unreported(SERVICES_NOT_ASKED())
+    if not found.open:
+        raise MotionRefused(inputs.unreachable or CONTROLLER_UNKNOWN())
+    if found.closed:
+        raise MotionRefused(SERVICES_CLOSED(closed=", ".join(found.closed), switch=found.switch))
+    return SERVICES_OPEN(open=", ".join(found.open))
 
 
 CONTEXT_OF_ANOTHER_ARM = Sentence("context_of_another_arm", "the context is of a {context_arm}, the arm is a {arm}")

@@ -2,7 +2,9 @@
 
 import re
 import signal
+import socket
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
@@ -11,9 +13,9 @@ from typing import NamedTuple
 from monitor.acquire.child import Child
 from monitor.acquire.driver import NodeSays, OurEnd, OurProgram, ReplayTask, SafetyStop, Session
 from monitor.acquire.safety.oversight import Interruption
-from monitor.acquire.state import ArmState, Identity, Software
+from monitor.acquire.state import ArmState, Identity, Services, Software
 from monitor.acquire.ur import conversation, primary
-from monitor.acquire.ur.last_resorts import forbid_new_sockets
+from monitor.acquire.ur.last_resorts import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, forbid_new_sockets
 from monitor.acquire.ur.node_script import OFFER, VERSION, control_program, control_script, hand_over_script
 from monitor.acquire.ur.node_server import HandOverServer, answer_of
 from monitor.acquire.ur.primary import ReportedErrors
@@ -71,6 +73,25 @@ def cause_of_death(exit_code: int, silent_s: float, printed: str = "", call: str
         return Interruption("late", PROCESS_STARVED(silent_ms=1000.0 * silent_s))
     how = f"by signal {-exit_code}" if exit_code < 0 else f"with code {exit_code}"
     return Interruption("child_died", PROCESS_ENDED(how=how))
+
+
+NEEDED = {  # the ports of a motion, as the pendant names them, beside that of the dashboard or the Robot API
+    primary.PORT: "Primary Client Interface",  # joint limits, the history of stops, the program's name
+    SCRIPT_PORT: "Real-Time Client Interface",  # takes our program
+    RTDE_PORT: "Real-Time Data Exchange (RTDE)",
+}
+# https://github.com/UniversalRobots/Universal_Robots_ROS2_Driver, ur_robot_driver/doc/installation/robot_setup.rst
+SWITCH = "Settings > Security > Services on the pendant, from software 5.10 on; before it they are always on, and a firewall keeps us out"
+CONNECT_S = 1.0  # for one connection; a controller takes it within milliseconds
+
+
+def takes_connection(host: str, port: int) -> bool:
+    """Whether somebody listens there. Nothing is sent."""
+    try:
+        socket.create_connection((host, port), timeout=CONNECT_S).close()
+    except OSError:
+        return False
+    return True
 
 
 GENERATIONS = {"cb3": ("3",), "e-series": ("5", "10")}  # each by the major versions of its software
@@ -214,6 +235,18 @@ class UniversalRobots:
         sources = ["software by RTDE"] if firmware else []
         sources += ["model by the primary port"] if told.model is None and model is not None else []
         return understood(told._replace(model=model, firmware=firmware, sources=", ".join(["Robot API", *sources])))
+
+    def services(self, host: str) -> Services:
+        """Which of the ports that a motion needs take a connection: one that is opened and closed again starts nothing.
+
+        A controller has a dashboard or a Robot API; where it has neither, both are named.
+        """
+        stop = {DASHBOARD_PORT: "Dashboard Server", self.robot_api_port: "Robot API"}
+        with ThreadPoolExecutor(len(NEEDED) + len(stop)) as looking:
+            found = dict(zip((*NEEDED, *stop), looking.map(lambda port: takes_connection(host, port), (*NEEDED, *stop)), strict=True))
+        wanted = NEEDED | {port: name for port, name in stop.items() if found[port] or not any(found[each] for each in stop)}
+        answers, silent = (tuple(f"{name} ({port})" for port, name in wanted.items() if found[port] == it) for it in (True, False))
+        return Services(answers, silent, SWITCH)
 
     def model_of(self, identity: Identity) -> str | None:
         """The shipped model that a controller names."""

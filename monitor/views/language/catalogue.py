@@ -28,7 +28,7 @@ NAMES = (  # how windows, alerts, causes and parts of the monitor are named in d
     N_("Joint {number}"), N_("joint {number}"), N_("scheduler"), N_("bus"), N_("listener"), N_("maintenance"), N_("previous_stop"),
     N_("robot_model"), N_("no_other_program"), N_("finite"), N_("stationary"), N_("motion_allowed"), N_("address"), N_("time_window"),
     N_("trajectory"), N_("trajectory_clear"), N_("drive_gains"), N_("tcp_speed"), N_("safety_planes"), N_("software"), N_("serial"),
-    N_("joint_limits"), N_("remote_control"), N_("safety_mode"), N_("robot_mode"), N_("joints_running"), N_("teach_button"),
+    N_("services"), N_("joint_limits"), N_("remote_control"), N_("safety_mode"), N_("robot_mode"), N_("joints_running"), N_("teach_button"),
     N_("speed_scaling"), N_("payload"), N_("payload_cog"), N_("tcp_offset"), N_("gravity"), N_("approach_clear"), N_("temperatures"),
     N_("permit"), N_("torque_band"), N_("following_error"), N_("violation"), N_("fault"), N_("blue lids"), N_("blue lid screws"),
     N_("flat rings"), N_("robot cable"), N_("robot cable connection"), N_("robot arm mounting bolts"), N_("tool mounting bolts"),
