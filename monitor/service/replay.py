@@ -35,6 +35,7 @@ from monitor.store.history.ledger import LedgerRow
 
 log = logging.getLogger(__name__)
 
+HELD_BY_ANOTHER = frozenset({"arm_in_use", "registers_in_use"})  # codes of refusals that end when another client lets go
 ASSESSMENTS = 3  # tries to assess one recording, where the process that computes dies
 UNREACHABLE = Sentence("unreachable", "{why}")
 NEXT_REFUSED = Sentence("next_try_refused", "{earlier}; the next try was refused: {why}")
@@ -281,14 +282,19 @@ class Monitor:
                 if not self._tries_again(ledger_id, number, error, closes_unix_s):
                     raise _after(aborted, error) from error
             except MotionRefused as error:
-                raise _after(aborted, error) from error
+                if error.reason.code not in HELD_BY_ANOTHER or not self._tries_again(ledger_id, number, error, closes_unix_s):
+                    raise _after(aborted, error) from error
 
-    def _tries_again(self, ledger_id: int, number: int, error: ReplayAborted | RobotUnreachable, closes_unix_s: float) -> bool:
+    def _tries_again(
+        self, ledger_id: int, number: int, error: ReplayAborted | MotionRefused | RobotUnreachable, closes_unix_s: float
+    ) -> bool:
         """Whether a try that ended so is followed by another; the pause between the two is over then.
 
-        Only this machine or the network ended it, and the window is still open.
+        Only this machine, the network or another client of the controller ended it, and the window is still open.
         """
         settings, cause = self.configuration.schedule, "unreachable"
+        if isinstance(error, MotionRefused):
+            cause = error.reason.code
         if isinstance(error, ReplayAborted):
             cause = error.cause
             if error.needs_a_person or cause not in error.TRANSIENT:

@@ -38,7 +38,11 @@ Result = TypeVar("Result")
 
 
 NO_CONTROL_CONNECTION = Sentence("no_control_connection", "{host}: RTDE control: {why}")
-ARM_IN_USE = Sentence("arm_in_use", "another RTDE client controls the arm: {why}")
+ARM_IN_USE = Sentence(
+    "arm_in_use",
+    "another RTDE client holds the controller's input registers, which the commands of a replay need: another driver, a URCap, a fieldbus "
+    "adapter, or a connection that has just ended. ur-rtde cannot tell which, and names fieldbuses alone: {why!r}",
+)
 CONNECTIONS_NOT_SHOWN = Sentence("connections_not_shown", "this machine does not show this process's connections: {why}")
 SOCKETS_NOT_LOCKED = Sentence("sockets_not_locked", "this machine cannot keep ur-rtde from reconnecting and moving the arm again: {why}")
 CONNECTION_BROKE_OFF = Sentence("connection_broke_off", "the RTDE connection broke off: {why}")

@@ -25,7 +25,9 @@ NO_NUMBER = 0
 
 NO_INPUT_REGISTERS = Sentence("no_input_registers", "{host}: RTDE input registers: {why}")
 REGISTERS_IN_USE = Sentence(
-    "registers_in_use", "another RTDE client writes the registers of the hand-over, input_int_register_{first} to {last}: {why}"
+    "registers_in_use",
+    "another RTDE client holds the registers of the hand-over, input_int_register_{first} to {last}: another driver, a URCap, a fieldbus "
+    "adapter, or a connection that has just ended. ur-rtde cannot tell which, and names fieldbuses alone: {why!r}",
 )
 REGISTERS_LOST = Sentence("registers_lost", "the RTDE connection of the input registers broke off: {why}")
 REGISTERS_REFUSED = Sentence("registers_refused", "the controller takes no input registers")
