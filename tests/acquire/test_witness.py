@@ -15,7 +15,7 @@ MOVING, RESTING = (0.5,) * 6, (0.0,) * 6
 
 
 def state(at_s, **changes):
-    return Told(at_s, at_s, stopped=False, robot_mode=7, runs=False, q=RESTING, qd=RESTING)._replace(**changes)
+    return Told(at_s, at_s, stopped=False, robot_mode=7, runs=False, teach=False, q=RESTING, qd=RESTING)._replace(**changes)
 
 
 def found(*states, programs=True):
@@ -33,9 +33,10 @@ def test_an_arm_whose_program_ends_and_that_comes_to_rest_is_explained():
         ([state(0.0, runs=True), state(0.1, stopped=True), state(0.2)], ["stopped_meanwhile"]),
         ([state(0.0, runs=True), state(0.1, robot_mode=5), state(0.2)], ["mode_meanwhile"]),
         ([state(0.0, runs=True), state(0.1), state(0.2, runs=True), state(0.3)], ["another_program_meanwhile"]),
+        ([state(0.0, runs=True), state(0.1, teach=True), state(0.2)], ["taught_meanwhile"]),
         ([state(0.0, runs=True), state(0.1), state(0.9, qd=MOVING)], ["moved_meanwhile"]),
     ],
-    ids=["a stop", "no power", "a program", "a jog"],
+    ids=["a stop", "no power", "a program", "freedrive", "a jog"],
 )
 def test_whatever_else_the_robot_told_is_found(states, codes):
     assert found(*states) == codes

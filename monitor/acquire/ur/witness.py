@@ -22,16 +22,20 @@ from monitor.acquire.ur.primary import HEAD, OUR_NAME, PORT, ROBOT_MESSAGE, ROBO
 from monitor.reason import Reason, Sentence
 
 MODE_PACKAGE, JOINT_PACKAGE = 0, 1
-MODE = struct.Struct(">Q7?B")  # time [µs]; connected, enabled, power, emergency stop, protective stop, program runs, is paused; robot mode
+# time [µs]; connected, enabled, power, emergency stop, protective stop, program runs, is paused; robot mode, control mode
+MODE = struct.Struct(">Q7?BB")
+TEACH = 1  # the control mode in freedrive
 JOINT = struct.Struct(">dddffffB")  # position, target [rad], speed [rad/s], current, voltage, two temperatures, mode
 KEPT = 1200  # states: two minutes
 POLL_S = 0.1
+STATE_EVERY_S = 0.15  # a program is told with the time of the state before it
 HOLE_S = 0.5  # between two states: what lies between them was not told
 WAIT_S = 2.0  # for what a network that was away brings late
 RESTS_WITHIN_S = 0.6  # after the end of the program: its servo settles once more some 0.2 s after a hard stop
 
 STOPPED_MEANWHILE = Sentence("stopped_meanwhile", "its safety system stopped the arm while nobody saw it")
 MODE_MEANWHILE = Sentence("mode_meanwhile", "the robot mode was {mode} ({name:word}) while nobody saw the arm")
+TAUGHT_MEANWHILE = Sentence("taught_meanwhile", "somebody held the freedrive button while nobody saw the arm")
 PROGRAM_MEANWHILE = Sentence("program_meanwhile", "the program {program!r} ran while nobody saw the arm")
 ANOTHER_MEANWHILE = Sentence("another_program_meanwhile", "a program ran, after ours had ended, while nobody saw the arm")
 MOVED_MEANWHILE = Sentence("moved_meanwhile", "{joint:joint} moved after the arm had come to rest, while nobody saw it")
@@ -45,6 +49,7 @@ class Told(NamedTuple):
     stopped: bool
     robot_mode: int
     runs: bool  # a program
+    teach: bool  # somebody holds the arm in freedrive
     q: tuple[float, ...]  # (J,) [rad]
     qd: tuple[float, ...]  # (J,) [rad/s]
 
@@ -61,9 +66,9 @@ def told(state: bytes) -> Told | None:
             joints = [JOINT.unpack_from(package, at) for at in range(0, len(package) - JOINT.size + 1, JOINT.size)]
     if modes is None or not joints:
         return None
-    time_us, _, _, _, emergency, protective, runs, _, mode = modes
+    time_us, _, _, _, emergency, protective, runs, _, mode, control = modes
     q, _, qd, *_ = zip(*joints, strict=True)
-    return Told(math.nan, 1e-6 * time_us, bool(emergency or protective), int(mode), bool(runs), q, qd)
+    return Told(math.nan, 1e-6 * time_us, bool(emergency or protective), int(mode), bool(runs), control == TEACH, q, qd)
 
 
 class PrimaryWitness:
@@ -106,7 +111,7 @@ class PrimaryWitness:
         known = whole and float(np.max(np.diff(times))) <= HOLE_S
         found = next(against([each for each in states if each.at_s >= since_s], programs=programs), None)
         if found is None and programs:
-            names = [name for at_s, name in list(self._started) if since_s <= at_s and name != OUR_NAME]
+            names = [name for at_s, name in list(self._started) if since_s - STATE_EVERY_S <= at_s and name != OUR_NAME]
             found = PROGRAM_MEANWHILE(program=names[0]) if names else None
         return History(known, found)
 
@@ -148,6 +153,8 @@ def against(states: list[Told], *, programs: bool) -> Iterator[Reason]:
             yield STOPPED_MEANWHILE()
         if state.robot_mode != ROBOT_MODE_RUNNING:
             yield MODE_MEANWHILE(mode=state.robot_mode, name=ROBOT_MODES.get(state.robot_mode, "unknown"))
+        if state.teach:
+            yield TAUGHT_MEANWHILE()
         if not programs:
             continue
         if ended_s is None:

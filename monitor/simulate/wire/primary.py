@@ -27,7 +27,7 @@ ROBOT_MODE, JOINTS, TOOL, MASTERBOARD, CARTESIAN, FORCE, ADDITIONAL = 0, 1, 2, 3
 KINEMATICS, CONFIGURATION = 5, 6
 TEXT, VERSION, SAFETY, ERROR, KEY, EXCEPTION = 0, 3, 5, 6, 7, 10
 FROM_CONTROLLER = 7  # sender of a message
-POSITION_CONTROL = 0  # the control mode of a robot that follows positions
+POSITION_CONTROL, TEACH_CONTROL = 0, 1  # the control modes of a robot that follows positions, and of one in freedrive
 PERIOD_S = 0.1  # between two messages with the state
 TEXT_MAX_BYTES = 1000  # of a message's text: a longer one is cut, so that a packet stays small
 ROBOT_TYPES = {"ur5": 1, "ur10": 2, "ur3": 3, "ur16": 4, "ur20": 7, "ur30": 8}  # the manufacturer's numbers; an e-Series has the same
@@ -62,7 +62,7 @@ def state(controller: Controller, *, first: bool = False) -> bytes:
     board = (0, 0, 0, 0, 0.0, 0.0, 0, 0, 0.0, 0.0, *electric, int(modes.safety), 0, 0, 0, 0, 0, 0)
     pose = np.concatenate([controller.kinematics.pose(measured.q), controller.kinematics.tool])
     packages = (
-        package(ROBOT_MODE, _MODE.pack(*mode, POSITION_CONTROL, speed, speed, 1.0) + reserved),
+        package(ROBOT_MODE, _MODE.pack(*mode, TEACH_CONTROL if modes.teach_button else POSITION_CONTROL, speed, speed, 1.0) + reserved),
         package(JOINTS, joint_data),
         package(TOOL, _TOOL.pack(*tool)),
         package(MASTERBOARD, _BOARD.pack(*board)),
