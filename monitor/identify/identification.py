@@ -101,6 +101,7 @@ class Identification:
     residual_friction: ResidualFrictionFit | None = None  # None: not asked for
     residual_peak_rad: Array | None = None  # (J,) where along the joint the residual is largest; NaN where it did not move
     physical: "PhysicallyConsistentArm | None" = None  # None: the method was not `consistent`
+    current_noise_a: Array | None = None  # (J,) standard deviation of one reading of the current [A]; None: the recordings hold none
     ripple: Ripple | None = None  # of the gears; None where the recordings hold no current, or no gear ratio is known
 
     @property

@@ -17,7 +17,7 @@ from monitor.identify.parameters import paper_parameters, residual_friction
 from monitor.identify.settings import IdentifySettings, SignalSettings
 from monitor.identify.signals.arm import joint_torque, motions_of
 from monitor.identify.signals.motion import Motion
-from monitor.identify.signals.ripple import combined, gear_ripple
+from monitor.identify.signals.ripple import combined, current_noise, gear_ripple
 from monitor.identify.signals.temperature import constant, mean_temperature, warming
 from monitor.identify.validate import errors_of, residual_peak
 from monitor.model.base import Base, base_parameters
@@ -98,6 +98,7 @@ def identify(
         warnings=(*warnings_of(Together(recordings)), *of_signals, *found.warnings),
         warming_k_per_min=warming(recordings),
         temperature_constant=constant(recordings),
+        current_noise_a=current_noise([moved.unfiltered for moved in motions]),
         ripple=combined([gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz) for moved in motions]),
     )
 

@@ -432,6 +432,11 @@ ALERTS: dict[str, tuple[str, ...]] = {  # each condition (`judge.alerts`)
     "temperature_sensor": (
         "judge/test_temperature.py::test_a_stuck_sensor_is_reported_and_a_winter_is_no_wear",
         "judge/test_temperature.py::test_an_impossible_temperature_is_not_learnt_from_and_is_reported",
+        "judge/test_temperature.py::test_any_sensors_that_stand_still_are_told_whatever_the_others_do",
+    ),
+    "current_noise": (
+        "judge/test_channels.py::test_a_noisier_current_is_told_as_noise_and_not_as_wear",
+        "identify/test_ripple.py::test_the_noise_of_a_joints_current_is_measured_whatever_the_motion_and_spikes",
     ),
     "data_quality": (
         "judge/test_learn.py::test_a_single_outlier_is_not_learnt_from_and_is_reported",

@@ -1,4 +1,4 @@
-"""Gear ripple: known amplitudes come back within their deviation, and a sample rate that hides them is told."""
+"""Gear ripple and noise of the current: known amplitudes come back within their deviation, and a sample rate that hides them is told."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from monitor.identify.document import document
 from monitor.identify.identify import identify
 from monitor.identify.settings import SignalSettings
 from monitor.identify.signals.motion import motion
-from monitor.identify.signals.ripple import FAST, SLOW, Unfiltered, combined, gear_ripple
+from monitor.identify.signals.ripple import FAST, SLOW, Unfiltered, combined, current_noise, gear_ripple
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Array, Recording
 from monitor.store.formats.recordings import read_recording
@@ -122,6 +122,31 @@ def test_several_recordings_are_surer_than_one():
     both = combined([each[0], None, each[1]])
     assert np.all(both.std_a < np.minimum(each[0].std_a, each[1].std_a))
     assert combined([None]) is None
+
+
+def test_the_noise_of_a_joints_current_is_measured_whatever_the_motion_and_spikes():
+    """White noise of a known size is found to a tenth, beside spikes, with half of the motion, and where one joint has more."""
+    known, rng = ORACLES[0], np.random.default_rng(1)
+    noise_a = np.array([0.05, 0.05, 0.25, 0.02, 0.02, 0.02])
+    current = known.torque / UR5.drive_gain_nm_per_a + noise_a * rng.normal(size=known.q.shape)
+    current[rng.integers(100, len(current) - 100, 10)] += 40.0
+    noisy = Recording(t_s=known.t_s, q=known.q, qd=known.qd, current=current, source="noisy")
+    half = replace(noisy, **{name: getattr(noisy, name)[: len(current) // 2] for name in ("t_s", "q", "qd", "current")})
+    for recordings in ([noisy], [half], [noisy, half]):
+        assert current_noise([motion(one).unfiltered for one in recordings]) == pytest.approx(noise_a, rel=0.1)
+    held = replace(noisy, current=np.repeat(current[::6], 6, axis=0)[: len(current)])
+    assert np.all(np.isnan(current_noise([motion(held).unfiltered])))
+    assert current_noise([motion(noisy).unfiltered, None]) is None
+
+
+def test_the_noise_of_real_arms_is_nearly_the_same_from_run_to_run(real_data):
+    """A UR10e over two weeks, and a UR3 whose friction falls by a third as it warms: within a quarter, where twice as much is told."""
+    columns = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
+    months = [(real_data / "ur10e" / f"ur-20_{name}.csv", columns) for name in ("02_10-30sec_12harm", "02_19_14harm50sec")]
+    evening = [(real_data / "arms" / "ur3_brasilia" / f"ur3_brasilia_traj1_run{run}.csv", None) for run in ("A_stopped_12s", "D_full")]
+    for runs in (months, evening):
+        first, last = (current_noise([motion(read_recording(*run)).unfiltered]) for run in runs)
+        assert np.all(np.abs(np.log(last / first)) < np.log(1.25))
 
 
 def test_ripple_of_a_real_arm_is_the_same_over_a_month(real_data):

@@ -17,10 +17,12 @@ from monitor.judge.alerts.evidence import (
     channel_rise,
     channel_tiers,
     joint_channel_rise,
+    noisier,
     nothing_counted,
     wear_of_state,
     weigh_evidence,
 )
+from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.document import plain, typed
 from monitor.judge.drift.channels import (
     CHANNELS,
@@ -37,6 +39,7 @@ from monitor.judge.drift.step import Replay, initial_state, step
 from monitor.judge.settings import HealthSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.reason import reason_of
+from monitor.studies.worlds.table import WORLDS
 
 J, WORN, ONSET = 6, 2, 90
 DRY, VISCOUS = 1.2, 0.82  # of wear at low speed: with as much dry as viscous friction, F(0.4 rad/s) rises by 1 %
@@ -222,6 +225,62 @@ def test_the_alert_of_an_arm_says_which_channel_found_it(kind, words):
         texts += [alert.text.text for _, alert in history.add(float(day), worn).transitions]
     assert [(joint, condition) for _, what, joint, condition, _ in history.transitions if what == "raised"] == [(WORN + 1, WEAR_RISING)]
     assert any(words in text for text in texts)
+
+
+def noisy(days: int, *, factor: float, until: int = 10_000) -> Iterator[tuple[History, int]]:
+    """An arm whose joint 3 has currents so many times as noisy from ONSET on, friction unchanged: the fit leaves more, and is less sure."""
+    arm, history, rng = Arm(seed=3, autocorrelation=0.5), History(), np.random.default_rng(4)
+    for day in range(days):
+        seen, more = arm.replay(weather(day, rng)), np.ones(J)
+        more[WORN] = factor if ONSET <= day < until else 1.0
+        left = np.hypot(0.5, 0.3 * more / more.max() * (more - 1.0)) * np.exp(0.05 * rng.normal(size=J))
+        noise = 0.06 * more * np.exp(0.05 * rng.normal(size=J))
+        unsure = seen.friction_cov * more[:, None, None]
+        history.add(float(day), replace(seen, rms_nm=left, current_noise_a=noise, friction_cov=unsure))
+        yield history, day
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [2.5, 5.0, 20.0])
+def test_a_noisier_current_is_told_as_noise_and_not_as_wear(factor):
+    """Within three weeks, of its joint alone; it stays while it lasts, is acknowledged like any other, and ends with the noise."""
+    end = ONSET + 45
+    for history, day in noisy(end + 45, factor=factor, until=end):
+        if day == ONSET + 21:
+            [alert] = history.health.active_alerts
+            assert (alert.joint, alert.condition, alert.tier) == (WORN + 1, "current_noise", "advisory")
+            assert float(alert.text.parameters["ratio"]) == pytest.approx(factor, rel=0.15)
+            assert history.health.joints[WORN].state == "CHECK_FUNCTION"
+            assert "cable" in alert.action.text
+        if day == ONSET + 22:
+            history.health = acknowledge(
+                history.health, WORN + 1, "current_noise", by="Ada", why="ordered", at_unix_s=alert.raised_at_unix_s
+            )
+            acknowledged = True
+    assert acknowledged
+    assert {(joint, condition) for _, _, joint, condition, _ in history.transitions} == {(WORN + 1, "current_noise")}
+    assert [kind for _, kind, *_ in history.transitions] == ["raised", "cleared"]
+    assert abs(history.last.friction[WORN].wear) < 0.03
+
+
+def test_noise_of_all_joints_names_none():
+    """A firmware that measures otherwise is no cable of one joint."""
+    noise_a = [0.06 * (5.0 if day >= ONSET else 1.0) for day in range(ONSET + 30)]
+    together = (seen._replace(current_noise_a=np.full(2 * J, a)) for seen, a in zip(replays(ONSET + 30), noise_a, strict=True))
+    assert not any(noisier(state).any() for state in lived(together))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", ["plain", "noise-mixed", "student-t3", "noise-swells", "rho-mixed", "ar-08"])
+def test_the_noise_of_healthy_arms_is_quiet(name):
+    """Its logarithm varies five times as much as that of friction in these worlds: 0.01 findings a robot-year."""
+    arms, days = 40, 1095
+    size = 5.0 * np.broadcast_to(WORLDS[name].noise(np.random.default_rng(7), (days, arms, J)), (days, arms, J)).reshape(days, -1)
+    nothing = np.full(arms * J, np.nan)
+    seen = Observation(np.ones(arms * J), nothing, np.full(arms * J, 30.0), nothing, nothing, nothing, nothing)
+    states = lived(seen._replace(current_noise_a=0.06 * np.exp(each)) for each in size)
+    found = np.array([noisier(state) for state in states])
+    assert np.count_nonzero(found[1:] & ~found[:-1]) <= 0.01 * arms * days / 365.0
 
 
 def of_reference():

@@ -1,4 +1,4 @@
-"""Gear ripple: the part of the current that repeats with each turn of the motor, from the current as it was recorded, not filtered.
+"""Gear ripple and noise of the current as it was recorded, not filtered. Ripple is what repeats with each turn of the motor.
 
 A strain wave gear of ratio 101 lets the motor turn 101 times a turn of the joint; its current ripples once, twice and four times a turn of
 the motor. In a joint's angle q that is cos(c·q) and sin(c·q) with c = 101, 202 and 404, whatever the speed. Each direction of motion has
@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.recording import Array, Indices
 
 ORDERS = (1, 2, 4)  # cycles a turn of the motor, each twice the one before; strain wave gears have two lobes, so the second is their own
@@ -28,6 +29,7 @@ BLOCK_S = 0.4  # longer than the correlation of what the high-pass leaves
 LEAST_BLOCKS = 12
 LEAST_FREEDOM = 4.0  # of Student's t; fewer count as so many
 LEAST_A = 1e-9  # [A] a smaller deviation is one of made-up data without noise
+MAD = 1.4826  # median absolute deviation → standard deviation of normal noise
 OUTLIER_STD = 8.0  # a reading that is further off is a spike, and is cut to this size
 
 SLOW = "too slow"  # why an amplitude is not known: the joint did not move, or so slowly that ripple is part of the motion
@@ -52,6 +54,24 @@ class Ripple(NamedTuple):
     std_a: Array  # (J, H) [A]
     why: tuple[tuple[str | None, ...], ...]  # J × H: SLOW or FAST where it is not known
     highest_rad_s: Array  # (J, H) up to which speed the sample rate shows it
+
+
+def current_noise(recorded: Sequence[Unfiltered | None]) -> Array | None:
+    """(J,) standard deviation of the noise of one reading of the current while the joint moves [A]: the robust one of second differences.
+
+    The torque of the motion is gone in these, and so is what happens at one place of a joint, since it fills few rows. None where a
+    recording holds no current; NaN for a joint that does not move, or whose current is held over several rows.
+    """
+    known = [each for each in recorded if each is not None]
+    if len(known) < len(recorded):
+        return None
+    stretches = [(each.current[rows], each.qd[rows]) for each in known for rows in each.stretches]
+    changes = np.concatenate([np.diff(current, n=2, axis=0) for current, _ in stretches])
+    moving = np.concatenate([np.abs(qd[1:-1]) > STANDSTILL_SPEED_RAD_S for _, qd in stretches])
+    noise = [
+        MAD * np.median(np.abs(change[on])) / math.sqrt(6.0) if on.any() else 0.0 for change, on in zip(changes.T, moving.T, strict=True)
+    ]
+    return np.where(np.array(noise) > LEAST_A, noise, np.nan)
 
 
 def gear_ripple(unfiltered: Unfiltered | None, gear_ratio: Array, rate_hz: float) -> Ripple | None:

@@ -24,9 +24,10 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.evidence import joint_channel_rise
+from monitor.judge.alerts.evidence import joint_channel_rise, noisier
 from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, TIERS, Confirmations
 from monitor.judge.belief import Belief
+from monitor.judge.drift.channels import NOISE
 from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
 from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
 from monitor.judge.drift.update.blame import LOADED
@@ -334,6 +335,18 @@ def _temperatures_stand_still(situation: ArmSituation) -> bool:
     return sensors is not None and all_held_still(sensors)
 
 
+def _noisier(situation: JointSituation) -> bool | None:
+    """The joint's current is noisier than it was; None where nothing was learnt of it."""
+    channels = situation.belief.filter_state.channels
+    return bool(channels is not None and noisier(channels)[situation.j]) if situation.heard else None
+
+
+def _noise_text(situation: JointSituation, confirmations: Confirmations) -> Reason:
+    channels = situation.belief.filter_state.channels
+    ratio = 1.0 if channels is None else math.exp(channels.shift[NOISE, situation.j])
+    return NOISIER(joint=situation.j + 1, ratio=ratio, replays=confirmations.replays)
+
+
 def _unreliable(situation: JointSituation) -> bool | None:
     """The replay does not resolve the joint's friction, or replays scatter.
 
@@ -362,6 +375,10 @@ NO_TEMPERATURE = Sentence(
 NO_TEMPERATURES = Sentence(
     "no_temperatures",
     "No joint tells a temperature that can be believed, in {replays} replays in a row: of wear nothing is told until one does.",
+)
+NOISIER = Sentence(
+    "current_noisier",
+    "The current of {joint:joint} is {ratio:.1f} times as noisy as before, in {replays} replays in a row. Noise alone is no wear.",
 )
 NOT_RESOLVED = Sentence(
     "not_resolved", "{joint:joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."
@@ -516,6 +533,18 @@ CONDITIONS: dict[str, AlertCondition] = {
                     CHECK_FUNCTION,
                     "Check the temperature reading: without it, or with a wrong one, cold looks like wear.",
                     "three replays in a row without a temperature, or with one that stands still though the others move or it used to",
+                )
+            },
+        ),
+        AlertCondition(
+            name="current_noise",
+            headlines=Headlines(joint="The current of {joint:name} has become noisy."),
+            joint=repeated(_noisier, _noise_text),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Look at the cable, the connectors, the encoder and the drive of this joint: nothing says that it is worn.",
+                    "the current of a joint is twice as noisy as before or more, beyond the other joints, in three replays in a row",
                 )
             },
         ),

@@ -19,7 +19,7 @@ import scipy
 from monitor.identify.settings import PLACE_RAD
 from monitor.judge.alerts.health import TIERS, Health
 from monitor.judge.belief import Belief
-from monitor.judge.drift.channels import CONTRAST, FAST, RESIDUAL, SLOW, ChannelState
+from monitor.judge.drift.channels import CONTRAST, FAST, NOISE, RESIDUAL, SLOW, ChannelState
 from monitor.judge.drift.filter_state import FilterState
 from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
 from monitor.judge.drift.update.change_detection import LONG
@@ -101,9 +101,7 @@ def channel_rise(state: ChannelState | None) -> ChannelRise | None:
     if not state.found.any():  # as on nearly every day
         return ChannelRise(rise=np.full(N, NOTHING), std=np.zeros(N), at=np.zeros(N, dtype=int), ratio=np.ones(N))
     rises = np.stack([_rises(state, state.shift), _rises(state, state.shift - np.copysign(state.shift_std, state.shift))])
-    found = np.stack(
-        [_found(state, CONTRAST) | _found(state, SLOW), _found(state, CONTRAST) | _found(state, FAST), _found(state, RESIDUAL)]
-    )
+    found = np.stack([_found(state, CONTRAST) | _found(state, SLOW), _found(state, CONTRAST) | _found(state, FAST), _found_at_place(state)])
     rise = np.where(found, rises[0], NOTHING)
     at = np.argmax(rise, axis=0)
     largest, lower = (np.take_along_axis(each, at[None, :], axis=0)[0] for each in (rise, rises[1]))
@@ -112,7 +110,7 @@ def channel_rise(state: ChannelState | None) -> ChannelRise | None:
         rise=np.where(known, largest, NOTHING),
         std=np.where(known, np.maximum(largest - lower, LEAST_STD), 0.0),
         at=at,
-        ratio=np.exp(np.where(_found(state, RESIDUAL), state.shift[RESIDUAL], 0.0)),
+        ratio=np.exp(np.where(_found_at_place(state), state.shift[RESIDUAL], 0.0)),
     )
 
 
@@ -139,6 +137,18 @@ def joint_channel_rise(channels: ChannelRise | None, excess: Array, j: int) -> J
 def _found(state: ChannelState, channel: int) -> np.ndarray:
     found: np.ndarray = state.found[channel] > 0
     return found
+
+
+def _found_at_place(state: ChannelState) -> np.ndarray:
+    """(N,) whether the residual grew, and not because the current is noisier."""
+    at_place: np.ndarray = _found(state, RESIDUAL) & ~noisier(state)
+    return at_place
+
+
+def noisier(state: ChannelState) -> np.ndarray:
+    """(N,) whether a joint's current is noisier than it was, and the others' are not as much."""
+    noise: np.ndarray = _found(state, NOISE) & (state.shift[NOISE] > 0)
+    return noise
 
 
 def _rises(state: ChannelState, shift: Array) -> Array:

@@ -12,8 +12,8 @@ from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.slots import SLOTS
 from monitor.recording import Array
 
-CONTRAST, SLOW, FAST, RESIDUAL = range(4)
-CHANNELS = ("contrast", "slow", "fast", "residual")
+CONTRAST, SLOW, FAST, RESIDUAL, NOISE = range(5)
+CHANNELS = ("contrast", "slow", "fast", "residual", "noise")
 WINDOW = 32  # W [replays] in which a change is looked for; older replays are the baseline
 SLOPE, CURVE, LAG = SLOTS, SLOTS + 1, SLOTS + 2  # features after the levels: t, t², warming
 FEATURES = SLOTS + 3  # P
@@ -74,9 +74,9 @@ PRIOR_STD = 0.05  # [log] of one replay: fc and fv of real joints scatter by 4�
 PRIOR_CORRELATION = 0.5  # of successive replays, as is assumed of friction: `DriftSettings.autocorrelation`
 PRIOR_REPLAYS = 5.0  # weight of both
 FALL_PER_K = 0.015  # viscous friction falls by 0.8–2.2 %/K, Coulomb friction hardly: Raviola et al. (2021)
-SLOPES_PER_K = np.array([FALL_PER_K, 0.3 * FALL_PER_K, -0.3 * FALL_PER_K, 0.0])  # (C,) the share of viscous friction is 0.2 to 0.8
-SLOPE_STDS_PER_K = np.array([0.007, 0.005, 0.005, 0.01])  # (C,) likewise; what temperature does to the residual is not known
-CURVE_STDS = np.array([1e-4, 1e-4, 1e-4, 1e-4])  # [1/K²] Vogel's law beyond an exponential; of sums, k²/2 · share · (1 − share)
+SLOPES_PER_K = np.array([FALL_PER_K, 0.3 * FALL_PER_K, -0.3 * FALL_PER_K, 0.0, 0.0])  # (C,) the share of viscous friction is 0.2 to 0.8
+SLOPE_STDS_PER_K = np.array([0.007, 0.005, 0.005, 0.01, 0.01])  # (C,) likewise; what temperature does to residual and noise is not known
+CURVE_STDS = np.full(5, 1e-4)  # [1/K²] Vogel's law beyond an exponential; of sums, k²/2 · share · (1 − share)
 LAG_MIN, LAG_STD_MIN = 3.0, 6.0  # [min] of the grease behind the motor's sensor
 
 
@@ -94,7 +94,7 @@ def prior(joints: int) -> tuple[Array, Array]:
     return mean, cov
 
 
-# --- Wear that F(v*) does not show: a change of the contrast log fc − log fv, of friction at two more speeds, or of the fit's residual ---
+# --- What F(v*) does not show: a change of the contrast log fc − log fv, of friction at two more speeds, of residual and noise ---
 
 AGES = np.array([5, 7, 10, 14, 20, 28])  # [replays] since a change; between them the loss of evidence is below a tenth
 LENGTHS = np.append(AGES, WINDOW).astype(float)  # (A + 1,)
@@ -106,8 +106,9 @@ SETTLED = 0.25  # share of a replay's noise below which the baseline's variance 
 LEAST_LEARNT = 12  # [replays] that noise must be learnt from, in one joint of the arm, before a change may be found
 SUSPECT = 4.0  # [σ] from which the baseline does not learn: a change that is not found at once is not taken for the baseline
 HELD = 0.5  # share of both thresholds at which a change that was found is over
-LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2])  # (C,) [log] smaller ones are within the error of the temperature law and of the fit
-LEAST_STD = np.array([0.02, 0.01, 0.01, 0.02])  # (C,) [log] least noise of a replay that is assumed
+# (C,) [log] smaller ones are within the error of the temperature law and of the fit; noise that grew by less is nothing to look at
+LEAST_SHIFT = np.array([0.12, 0.04, 0.04, 0.2, np.log(2.0)])
+LEAST_STD = np.array([0.02, 0.01, 0.01, 0.02, 0.02])  # (C,) [log] least noise of a replay that is assumed
 CAUTION = (
     20.0  # variance estimated from n replays is multiplied by 1 + CAUTION/(n + ALIKE): noise has heavy tails, and replays are correlated
 )
@@ -170,11 +171,12 @@ def channel_values(seen: Observation) -> Array:
     def optional(value: Array) -> Array:
         return value if np.shape(value) == (N,) else np.full(N, np.nan)
 
-    values = np.empty((4, N))
+    values = np.empty((len(CHANNELS), N))
     values[CONTRAST] = log(seen.coulomb_nm) - log(seen.viscous_nm_s_per_rad)
     values[SLOW] = optional(seen.log_torque_slow) - seen.log_torque
     values[FAST] = optional(seen.log_torque_fast) - seen.log_torque
     values[RESIDUAL] = log(optional(seen.residual_rms_nm))
+    values[NOISE] = log(optional(seen.current_noise_a))
     return values
 
 

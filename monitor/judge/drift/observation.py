@@ -31,6 +31,7 @@ class Observation(NamedTuple):
     residual_rms_nm: Array = NOT_MEASURED  # RMS over moving samples of what the fit does not explain [N·m]; NaN where unknown
     log_torque_slow: Array = NOT_MEASURED  # log of the friction torque at `SLOW_RAD_S` by a law other than the line fc + fv·v …
     log_torque_fast: Array = NOT_MEASURED  # … and at `FAST_RAD_S`; NaN where the joint was not resolved
+    current_noise_a: Array = NOT_MEASURED  # standard deviation of one reading of the current [A]; NaN where unknown
     temperature_constant: Array = NOT_MEASURED  # 1 where every reading of the temperature was one and the same number
 
 
@@ -59,6 +60,7 @@ def observe(identification: "Identification", settings: DriftSettings) -> Observ
         residual_rms_nm=identification.rms_nm,
         log_torque_slow=np.where(resolved, slow, np.nan),
         log_torque_fast=np.where(resolved, fast, np.nan),
+        current_noise_a=unknown if identification.current_noise_a is None else identification.current_noise_a,
         temperature_constant=np.nan_to_num(unknown if identification.temperature_constant is None else identification.temperature_constant),
     )
 

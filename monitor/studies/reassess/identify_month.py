@@ -159,7 +159,7 @@ class Meter:
 IDENTIFIED, UNIDENTIFIABLE, REFUSED, GONE, CHANGED = "identified", "unidentifiable", "refused", "gone", "changed"
 _ARRAYS = (
     "values", "covariance", "coulomb_nm", "viscous_nm_s_per_rad", "friction_cov", "temperature_c", "max_speed_rad_s", "rms_nm",
-    "relative_rms", "rms_all_nm", "warming_k_per_min", "mean_speed_rad_s", "residual_peak_rad", "temperature_constant",
+    "relative_rms", "rms_all_nm", "warming_k_per_min", "mean_speed_rad_s", "residual_peak_rad", "temperature_constant", "current_noise_a",
 )  # fmt: skip
 _RESIDUAL = ("rigid", "friction", "load_nm", "rms_nm")
 _RIPPLE = ("cycles_per_turn", "amplitude_a", "std_a", "highest_rad_s")
