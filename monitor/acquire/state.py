@@ -91,6 +91,7 @@ ANOTHER_PAYLOAD = Sentence(
     "the controller reckons with {payload_kg:.3f} kg, the configuration says {configured_kg:.3f} kg; at most {limit_kg:g} kg apart",
 )
 TEMPERATURE_OUTSIDE = Sentence("temperature_outside", "{joint:joint} is at {temperature_c:.1f} °C; allowed are {low_c:g} to {high_c:g} °C")
+TEMPERATURE_NOT_TOLD = Sentence("temperature_not_told", "{joint:joint} tells no temperature; allowed are {low_c:g} to {high_c:g} °C")
 
 
 def program_name(runtime_state: int) -> str:
@@ -223,12 +224,14 @@ class ArmState:
         return ANOTHER_PAYLOAD(payload_kg=self.payload_kg, configured_kg=configured_kg, limit_kg=limit_kg)
 
     def temperature_outside(self, allowed_c: tuple[float, float]) -> Reason | None:
-        """The first joint whose temperature is not in the range, or not known."""
+        """The joint whose temperature is the farthest from the range, or the first one whose temperature is not known."""
         low_c, high_c = allowed_c
-        outside = np.flatnonzero(~((self.temperature_c >= low_c) & (self.temperature_c <= high_c)))
-        if not outside.size:
+        off_k = np.maximum(low_c - self.temperature_c, self.temperature_c - high_c)  # (J,)
+        j = int(np.argmax(off_k))  # a NaN counts as the largest
+        if off_k[j] <= 0.0:
             return None
-        j = int(outside[0])
+        if np.isnan(off_k[j]):
+            return TEMPERATURE_NOT_TOLD(joint=j + 1, low_c=low_c, high_c=high_c)
         return TEMPERATURE_OUTSIDE(joint=j + 1, temperature_c=self.temperature_c[j], low_c=low_c, high_c=high_c)
 
     @property

@@ -58,6 +58,20 @@ def test_each_state_that_ends_the_stream_has_its_cause(changes, cause):
     assert failure.cause == cause
 
 
+@pytest.mark.parametrize(
+    ("temperatures_c", "text"),
+    [
+        ([30, 80, 30, 112.5, 30, 30], "Wrist 1 (joint 4) is at 112.5 °C; allowed are 0 to 75 °C"),
+        ([30, 80, 30, -20.0, 30, 30], "Wrist 1 (joint 4) is at -20.0 °C; allowed are 0 to 75 °C"),
+        ([30, 80, np.nan, 30, 30, np.nan], "Elbow (joint 3) tells no temperature; allowed are 0 to 75 °C"),
+    ],
+)
+def test_a_stop_for_temperature_names_the_joint_that_is_farthest_off_or_tells_none(temperatures_c, text):
+    """By number and name, as the history keeps it."""
+    failure = state_failure(replace(SOUND, temperature_c=np.array(temperatures_c, dtype=float)), SETTINGS)
+    assert (failure.cause, failure.reason.text) == ("joint_temperature", text)
+
+
 def test_a_program_that_begins_in_the_place_of_ours_is_not_taken_for_ours():
     """Every program begins with a limiter of 0 and a full slider; a slider that somebody moves says nothing of the kind."""
     failure = state_failure(replace(SOUND, speed_scaling=0.0, speed_fraction=1.0), SETTINGS)

@@ -715,7 +715,10 @@ ENDS_OF_A_MOTION: dict[str, tuple[str, ...]] = {  # each cause by which a replay
         "acquire/test_taking_control.py::test_a_watchdog_that_is_refused_is_named",
     ),
     "speed_scaling": ("acquire/test_refusals.py::test_a_slider_that_is_moved_during_a_replay_ends_it_whichever_variable_reports_it",),
-    "joint_temperature": ("acquire/test_failures.py::test_each_state_that_ends_the_stream_has_its_cause",),
+    "joint_temperature": (
+        "acquire/test_failures.py::test_each_state_that_ends_the_stream_has_its_cause",
+        "acquire/test_failures.py::test_a_stop_for_temperature_names_the_joint_that_is_farthest_off_or_tells_none",
+    ),
     "parent_asked_to_stop": ("acquire/test_replay.py::test_on_request_the_arm_slows_down_stands_and_its_program_ends",),
     "permit_withdrawn": ("acquire/test_driver.py::test_a_permit_is_asked_again_while_the_arm_moves",),
     "motion_forbidden": (
