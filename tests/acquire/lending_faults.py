@@ -21,7 +21,7 @@ LATER_S = 1.2  # a watchdog or a thread that was left behind would have stopped 
 PHASES = ("node", "approach", "play", "return", "settle", "finish")  # `settle`: after the return; in `finish` the arm is given back
 PARENT = """
 import sys
-sys.path[:0] = sys.argv[2].split(':')
+sys.path[:0] = [sys.argv[2]]
 from excitations import short
 from lending_cell import settings
 from monitor.acquire.replay import replay
@@ -29,15 +29,17 @@ from monitor.acquire.watch import Caller
 from monitor.errors import MonitorError, ReplayAborted
 from monitor.model.robot import load_robot
 from monitor.recording import Context
-from simulated_arm import known_gains
+from monitor.acquire.settings import Installation
+from monitor.simulate.arm.physics import drive_gain
 last = [None]
 def show(at):
     if at.phase != last[0]:
         last[0] = at.phase
         print("phase", at.phase, flush=True)
 robot = sys.argv[3]
+gains = Installation(gains_nm_per_a=tuple(drive_gain(load_robot(robot)).tolist()))
 try:
-    replay(short(robot=robot), load_robot(robot), settings(sys.argv[1]), context=Context(payload_kg=0.0), installation=known_gains(robot),
+    replay(short(robot=robot), load_robot(robot), settings(sys.argv[1]), context=Context(payload_kg=0.0), installation=gains,
            caller=Caller(on_progress=show))
     print("ended done", flush=True)
 except ReplayAborted as error:
@@ -121,7 +123,7 @@ def run_fault(cell: Cell, fault: Fault, phase: str, delay_s: float, robot: str, 
     if local and "pendant" not in fault.name:
         cell.fault("remote", state="off")
     before, wrong = cell.truth, []
-    command = [sys.executable, "-c", PARENT, cell.host, f"{ROOT / 'tests' / 'acquire'}:{ROOT / 'tests'}", robot]
+    command = [sys.executable, "-c", PARENT, cell.host, str(ROOT / "tests" / "acquire"), robot]
     parent = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
     try:
         early = _until(parent, phase)
