@@ -20,8 +20,9 @@ STANDS_WITHIN_S = 0.35  # from the stop to standstill, as in `fault_cases`
 LATER_S = 1.2  # a watchdog or a thread that was left behind would have stopped the program by then
 PHASES = ("node", "approach", "play", "return", "settle", "finish")  # `settle`: after the return; in `finish` the arm is given back
 PARENT = """
-import sys
+import subprocess, sys, types
 sys.path[:0] = [sys.argv[2]]
+sys.modules["prepared"] = types.SimpleNamespace(Process=subprocess.Popen, run=subprocess.run, waiting=set)  # its child bears its own name
 from excitations import short
 from lending_cell import settings
 from monitor.acquire.replay import replay
