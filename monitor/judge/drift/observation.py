@@ -32,7 +32,9 @@ class Observation(NamedTuple):
     log_torque_slow: Array = NOT_MEASURED  # log of the friction torque at `SLOW_RAD_S` by a law other than the line fc + fv·v …
     log_torque_fast: Array = NOT_MEASURED  # … and at `FAST_RAD_S`; NaN where the joint was not resolved
     current_noise_a: Array = NOT_MEASURED  # standard deviation of one reading of the current [A]; NaN where unknown
-    temperature_constant: Array = NOT_MEASURED  # 1 where every reading of the temperature was one and the same number
+    temperature_constant: Array = (
+        NOT_MEASURED  # 1 where every reading of the temperature was one and the same number, else 0; NaN where unknown
+    )
 
 
 def observe(identification: "Identification", settings: DriftSettings) -> Observation:
@@ -61,7 +63,7 @@ def observe(identification: "Identification", settings: DriftSettings) -> Observ
         log_torque_slow=np.where(resolved, slow, np.nan),
         log_torque_fast=np.where(resolved, fast, np.nan),
         current_noise_a=unknown if identification.current_noise_a is None else identification.current_noise_a,
-        temperature_constant=np.nan_to_num(unknown if identification.temperature_constant is None else identification.temperature_constant),
+        temperature_constant=unknown if identification.temperature_constant is None else identification.temperature_constant,
     )
 
 

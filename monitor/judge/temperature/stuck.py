@@ -34,7 +34,7 @@ class SensorHistory:
     replays: Annotated[Array, "N"]  # in a row with this value
     others_low_c: Annotated[Array, "N"]  # lowest median of the arm's other joints in these replays
     others_high_c: Annotated[Array, "N"]  # and the highest
-    held: Annotated[Array, "N"]  # of these replays after the first, those that count: apart in time, and the reading stood still in them
+    held: Annotated[Array, "N"]  # of these replays after the first, those that count: apart in time, and no reading in them was another
     held_before: Annotated[Array, "N"]  # likewise, of the values before, except where the sensor was stuck
     changes: Annotated[Array, "N"]  # from one value to another; to leave a value and to come back to it are two
     constant: Annotated[Array, "N"]  # of `replays`, those throughout which every reading was this value
@@ -66,8 +66,8 @@ def update_sensors(
 ) -> SensorHistory:
     """The history after one more replay at temperatures (N,) [°C]. A sensor without a value keeps its history.
 
-    warming_k_per_min : (N,) slope of the readings, NaN where unknown; constant : (N,) 1 where they were one number throughout the replay;
-    days : (N,) since the last replay. None: nobody knows, and the replay counts.
+    warming_k_per_min : (N,) slope of the readings; constant : (N,) 1 where they were one number throughout the replay, else 0;
+    days : (N,) since the last replay. None or NaN: nobody knows, and the replay counts.
     """
     T, N = temperature_c, len(temperature_c)
     was = no_sensors(N) if before is None else before
@@ -76,14 +76,15 @@ def update_sensors(
     others = median_of_others(np.where(same, np.nan, T), joints_per_arm)  # of those that move: the others may be stuck
     changed = known & ~same
     apart = np.full(N, True) if days is None else days >= APART_DAYS
-    still = np.zeros(N) if constant is None else constant
+    steady = np.full(N, np.nan) if constant is None else constant
     slope = np.full(N, np.nan) if warming_k_per_min is None else np.abs(warming_k_per_min)
+    counts, still = apart & ~(slope > MOVES_K_PER_MIN) & (steady != 0.0), np.nan_to_num(steady)
     return SensorHistory(
         value_c=np.where(changed, T, was.value_c),
         replays=np.where(same, was.replays + 1.0, np.where(known, 1.0, was.replays)),
         others_low_c=np.where(same, np.fmin(was.others_low_c, others), np.where(known, others, was.others_low_c)),
         others_high_c=np.where(same, np.fmax(was.others_high_c, others), np.where(known, others, was.others_high_c)),
-        held=np.where(changed, 0.0, was.held + (same & apart & ~(slope > MOVES_K_PER_MIN))),
+        held=np.where(changed, 0.0, was.held + (same & counts)),
         held_before=was.held_before + np.where(changed & ~held_still(was), was.held, 0.0),
         changes=was.changes + (changed & np.isfinite(was.value_c)),
         constant=np.where(same, was.constant + still, np.where(known, still, was.constant)),
@@ -98,7 +99,7 @@ def forget_sensors(sensors: SensorHistory, new: np.ndarray) -> SensorHistory:
 
 def held_still(sensors: SensorHistory) -> np.ndarray:
     """(N,) which sensors have had one value for longer than chance explains, whatever the arm's other sensors do."""
-    constant = (sensors.constant > 0) & (sensors.constant >= sensors.replays)
+    constant = (sensors.constant > 0) & (sensors.constant >= sensors.held)
     return _beyond_chance(sensors, np.where(constant, CHANGES_ASSUMED, 0.0))
 
 
