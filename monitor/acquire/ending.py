@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.acquire.driver import Driver, History, OurEnd, SafetyStop, Witness
+from monitor.acquire.driver import Driver, History, OurEnd, OurProgram, SafetyStop, Witness
 from monitor.acquire.protocol import Event, Program
 from monitor.acquire.safety.oversight import Interruption
 from monitor.acquire.settings import ReplaySettings
@@ -41,8 +41,8 @@ def end_program(watch: Watch, driver: Driver, witness: Witness | None = None) ->
     if not watch.state.may_run:
         return None
     ours = watch.our_program
-    if ours.at_s is not None and witness is not None and witness.ours_runs:
-        ours = ours._replace(at_s=time.monotonic())
+    if witness is not None:
+        ours = ours._replace(runs=lambda: witness.ours_runs)
     end = driver.stop_program(host, ours)
     watch.state = watch.state.after(Event.NOT_SHOWN if end == "not_shown" else Event.PROGRAM_ENDED)
     return end
@@ -209,7 +209,12 @@ def look_after(
 
     A stop by the robot's safety system is the cause of any end. What is unknown, and a gap that is not explained, ask for a person.
     """
-    after, first = _look(driver, settings, clean=error.at_rest, should_stop=should_stop)
+
+    def stop_ours() -> None:
+        if witness is not None and witness.ours_runs:
+            driver.stop_program(settings.host, OurProgram(None, runs=lambda: witness.ours_runs))
+
+    after, first = _look(driver, settings, clean=error.at_rest, should_stop=should_stop, stop_ours=stop_ours)
     if after.stop is not None:
         return error.stopped(after.stop.cause, after.stop.reason, after.unknown), after
     if first is None:
@@ -221,8 +226,10 @@ def look_after(
     return error.known(after.unknown or gap), after
 
 
-def _look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool]) -> tuple[ArmAfter, ArmState | None]:
-    """What `look` returns, and the first state that was seen."""
+def _look(
+    driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop: Callable[[], bool], stop_ours: Callable[[], None] = lambda: None
+) -> tuple[ArmAfter, ArmState | None]:
+    """What `look` returns, and the first state that was seen. stop_ours : is called where a program runs, which may be ours."""
     began, first = time.monotonic(), None
     while True:
         state = driver.state(settings.host, settings.rate_hz, LOOK_S)
@@ -235,6 +242,8 @@ def _look(driver: Driver, settings: ReplaySettings, *, clean: bool, should_stop:
             return ArmAfter(unknown=NO_ANSWER(lasted_s=lasted_s)), first
         if found is not None and (found.unknown is None or found.stop is not None or lasted_s > patience_s):
             return found, first
+        if found is not None and state is not None and state.runtime_state != RUNTIME_STOPPED:
+            stop_ours()
 
 
 def judged(state: ArmState | None, *, clean: bool) -> ArmAfter | None:

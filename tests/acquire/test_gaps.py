@@ -97,7 +97,7 @@ def test_a_program_that_took_over_an_arm_that_was_seen_at_rest_may_move_it():
 # --- gaps at a simulated controller ------------------------------------------------------------------------------
 
 PHASES = {"approach": 0.3, "play": 1.2, "settle": 0.1, "return": 0.3}  # each with the latest moment in it
-WHAT = ("nothing", "reboot", "power_cut", "protective_stop", "teach_button", "foreign_program", "jog", "payload", "clock")
+WHAT = ("nothing", "reboot", "power_cut", "protective_stop", "safeguard_stop", "teach_button", "foreign_program", "jog", "payload", "clock")
 
 
 @dataclass
@@ -136,6 +136,8 @@ def happen(hole: Hole, controller: str) -> None:
                 remote.fault("protective_stop", runtime="stopped")
                 time.sleep(hole.gap_s / 2)
                 script(controller, "set unlock protective stop")
+            case "safeguard_stop":
+                remote.fault("safeguard_stop", seconds=hole.gap_s / 2)
             case "teach_button":
                 remote.fault("teach_button", state="on")
                 time.sleep(hole.gap_s / 2)
@@ -231,8 +233,12 @@ def played(address: str, cases: list[Hole], personality: str) -> tuple[list[str]
 
 @pytest.mark.real_time
 def test_after_a_gap_in_which_anything_may_have_happened_a_person_is_asked_and_after_another_nobody():
-    """Reboot, a stop that somebody unlocked, a jog; and a network that was away for a moment."""
-    something = [Hole("reboot", "play", 0.4, 2.0), Hole("protective_stop", "approach", 0.2, 1.5), Hole("jog", "return", 0.1, 1.8)]
+    """Reboot, a stop that somebody unlocked, a guard; and a network that was away for a moment."""
+    something = [
+        Hole("reboot", "play", 0.4, 2.0),
+        Hole("protective_stop", "approach", 0.2, 1.5),
+        Hole("safeguard_stop", "return", 0.1, 1.5),
+    ]
     said, causes = played("23.1", [*something, Hole("nothing", "play", 0.4, 0.3)], "recorded")
     assert not said, "\n".join(said)
     assert causes["nothing: stalled"] == 1, causes

@@ -79,7 +79,7 @@ def test_each_fault_at_each_phase_of_a_borrowed_arm(turn, local, tmp_path, soak_
         for fault, phase in cases:
             for _ in range(4):
                 outcome = run_fault(cell, fault, phase, rng.random() * SPAN_S[phase], "ur5", local=local)
-                if outcome.wrong != ("ended before the fault",) or not outcome.ended.startswith(EARLY):
+                if outcome.wrong != ("ended before the fault",):  # by a busy host, or in a phase that was over
                     break
             outcomes.append(outcome)
             with capsys.disabled():

@@ -103,8 +103,8 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
     """End our program and no other: `ended` once the controller has shown that no program runs, so that ours has ended.
 
     A `stop` is sent only where the controller has just shown a program that runs, and that program was known to be ours at most OURS_S
-    before, and has the name of ours. Each such look makes the next one possible, so a program that ignores a stop is stopped again; after
-    a longer pause, or once no program has run, whatever runs may be somebody else's.
+    before, and has the name of ours, or where a witness knows now that it is ours. Each such look makes the next one possible, so a program
+    that ignores a stop is stopped again; after a longer pause, or once no program has run, whatever runs may be somebody else's.
 
     Returns `replaced` where a program of another name is there before any look has shown none: it has taken the place of ours;
     `not_shown` where the controller did not show the end within within_s.
@@ -124,7 +124,8 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
                     is_ours = time.monotonic() - ours_at_s <= OURS_S
                     if state == "STOPPED" and not (is_ours and ours.state == "starting"):
                         return "ended"
-                    if is_ours and state != "STOPPED" and (state == "PAUSED" or ours.state != "paused"):
+                    may_stop = state != "STOPPED" and (state == "PAUSED" or ours.state != "paused")
+                    if (is_ours and may_stop) or (state == "PLAYING" and ours.runs()):
                         ours_at_s = looked_at  # so it was, also where nobody says whether the stop was taken
                         controller.stop()
                     else:

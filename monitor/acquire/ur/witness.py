@@ -18,10 +18,11 @@ import numpy as np
 from monitor.acquire.driver import History
 from monitor.acquire.state import ROBOT_MODE_RUNNING, ROBOT_MODES, STANDSTILL_RAD_S
 from monitor.acquire.ur.packages import Link, take_packages
-from monitor.acquire.ur.primary import HEAD, OUR_NAME, PORT, ROBOT_MESSAGE, ROBOT_STATE, program_message
+from monitor.acquire.ur.primary import HEAD, OUR_NAME, PORT, ROBOT_MESSAGE, ROBOT_STATE, program_message, reported_mode
 from monitor.reason import Reason, Sentence
 
-MODE_PACKAGE, JOINT_PACKAGE = 0, 1
+MODE_PACKAGE, JOINT_PACKAGE, BOARD_PACKAGE = 0, 1, 3
+SAFETY_AT, SAFE_MODES = 60, frozenset({1, 2})  # where the master board's data have the safety mode; normal and reduced
 # time [µs]; connected, enabled, power, emergency stop, protective stop, program runs, is paused; robot mode, control mode
 MODE = struct.Struct(">Q7?BB")
 TEACH = 1  # the control mode in freedrive
@@ -58,17 +59,20 @@ def told(state: bytes) -> Told | None:
     """What the packages of one robot state say, without its head; `at_s` is not known yet. None where it lacks modes or joints."""
     modes: tuple[int | bool, ...] | None = None
     joints: list[tuple[float, ...]] = []
+    safe = True
     waiting = bytearray(state)
     for kind, package in take_packages(waiting, HEAD):
         if kind == MODE_PACKAGE and len(package) >= MODE.size:
             modes = MODE.unpack_from(package)
         elif kind == JOINT_PACKAGE:
             joints = [JOINT.unpack_from(package, at) for at in range(0, len(package) - JOINT.size + 1, JOINT.size)]
+        elif kind == BOARD_PACKAGE and len(package) > SAFETY_AT:
+            safe = package[SAFETY_AT] in SAFE_MODES
     if modes is None or not joints:
         return None
     time_us, _, _, _, emergency, protective, runs, _, mode, control = modes
     q, _, qd, *_ = zip(*joints, strict=True)
-    return Told(math.nan, 1e-6 * time_us, bool(emergency or protective), int(mode), bool(runs), control == TEACH, q, qd)
+    return Told(math.nan, 1e-6 * time_us, bool(emergency or protective or not safe), int(mode), bool(runs), control == TEACH, q, qd)
 
 
 class PrimaryWitness:
@@ -95,7 +99,7 @@ class PrimaryWitness:
         states, started = list(self._states), list(self._started)
         if self._link is None or not states or not started:
             return False
-        return states[-1].runs and time.monotonic() - states[-1].at_s <= HOLE_S and started[-1][1] == OUR_NAME
+        return states[-1].runs and time.monotonic() - states[-1].at_s <= STATE_EVERY_S and started[-1][1] == OUR_NAME
 
     def history(self, since_s: float, until_s: float, *, programs: bool = True) -> History:
         """What happened between two times of this host's monotonic clock; waits up to WAIT_S for what comes late.
@@ -140,6 +144,9 @@ class PrimaryWitness:
         if kind == ROBOT_STATE and (state := told(message)) is not None:
             self._offset_s = min(self._offset_s, now_s - state.controller_s)
             self._states.append(state._replace(at_s=state.controller_s + self._offset_s))
+        elif kind == ROBOT_MESSAGE and (mode := reported_mode(message)) is not None:
+            if mode.mode not in SAFE_MODES and self._states:
+                self._states.append(self._states[-1]._replace(stopped=True))
         elif kind == ROBOT_MESSAGE and (program := program_message(message)) is not None and program.started:
             at_s = self._states[-1].at_s if self._states else now_s
             self._started.append((at_s, program.name))
