@@ -12,7 +12,7 @@ import pytest
 import zenoh
 from published import raw
 
-from monitor.errors import BadInput, BusError
+from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.publish.bus import Bus, QueryHandler
 from monitor.publish.client import Client
 from monitor.publish.session import BusSettings, prefix, session_config
@@ -149,7 +149,7 @@ def test_an_endpoint_without_a_daemon_is_reported_in_time(free_port: int):
 def test_an_endpoint_in_use_is_refused_with_its_name(bus):
     """The second daemon on one endpoint gets a message with the endpoint."""
     _, endpoint = bus
-    with pytest.raises(BusError, match=endpoint.removeprefix("tcp/")):
+    with pytest.raises(BadConfiguration, match=endpoint.removeprefix("tcp/")):
         Bus(BusSettings(listen=(endpoint,)), prefix("lab", "cell-2"))
 
 

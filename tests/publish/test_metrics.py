@@ -18,7 +18,7 @@ from heard_documents import ALERT, SAID_AT, whole
 from prometheus_client.parser import text_string_to_metric_families
 from published import last_values
 
-from monitor.errors import BadInput, BusError
+from monitor.errors import BadConfiguration, BadInput
 from monitor.plant.arm import GONE
 from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING, enter, keep_last_values, set_note
@@ -205,7 +205,7 @@ def test_a_monitor_without_a_replay_can_be_scraped():
 
 def test_a_port_in_use_and_an_invalid_address_are_refused(port):
     """The message names the port or the address."""
-    with pytest.raises(BusError, match=str(port)):
+    with pytest.raises(BadConfiguration, match=str(port)):
         MetricsServer(MetricsSettings(listen=f"127.0.0.1:{port}"), list)
     for listen in ("9464", "127.0.0.1:", ":9464", "127.0.0.1:99999"):
         with pytest.raises(BadInput, match="expected HOST:PORT"):

@@ -88,7 +88,7 @@ def test_a_motion_cannot_begin_where_the_disk_refuses_its_row(tmp_path: Path):
     """Nothing may move without its row: the refusal is an error, and no half of the row is left."""
     with Store.open(tmp_path) as store:
         store.database.connection.execute("PRAGMA max_page_count = 1")  # SQLite then behaves as on a full disk
-        with store.motions.turn(1.0), pytest.raises(StoreError, match="full"):
+        with store.motions.turn(1.0), pytest.raises(StoreError, match="no space is left"):
             _ = [begun(store) for _ in range(10_000)]
         store.database.connection.execute("PRAGMA max_page_count = 100000")
         assert store.database.connection.execute("PRAGMA synchronous").fetchone() == (2,)  # FULL: a commit is on the disk
