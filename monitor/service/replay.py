@@ -10,7 +10,7 @@ from typing import Protocol
 
 from monitor.acquire.schedule.needed import Need
 from monitor.config.schema import Configuration
-from monitor.errors import MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
+from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.states import stale_joints
 from monitor.model.fourier import Excitation
 from monitor.reason import INTERNAL, Reason, Sentence
@@ -282,7 +282,7 @@ class Monitor:
                 if not self._tries_again(ledger_id, number, error, closes_unix_s):
                     raise _after(aborted, error) from error
             except MotionRefused as error:
-                if error.reason.code not in HELD_BY_ANOTHER or not self._tries_again(ledger_id, number, error, closes_unix_s):
+                if _code(error) not in HELD_BY_ANOTHER or not self._tries_again(ledger_id, number, error, closes_unix_s):
                     raise _after(aborted, error) from error
 
     def _tries_again(
@@ -294,7 +294,7 @@ class Monitor:
         """
         settings, cause = self.configuration.schedule, "unreachable"
         if isinstance(error, MotionRefused):
-            cause = error.reason.code
+            cause = _code(error)
         if isinstance(error, ReplayAborted):
             cause = error.cause
             if error.needs_a_person or cause not in error.TRANSIENT:
@@ -381,6 +381,12 @@ class Monitor:
     def _should_stop(self) -> bool:
         self._alive()
         return self._state.stopping.is_set()
+
+
+def _code(refused: MotionRefused) -> str:
+    """The code of what was found; a session puts its host before it."""
+    why = refused.reason.parameters.get("why") if refused.reason.code == AT_HOST.code else None
+    return why.code if isinstance(why, Reason) else refused.reason.code
 
 
 def _after(aborted: ReplayAborted | None, error: ReplayAborted | MotionRefused | RobotUnreachable) -> Exception:

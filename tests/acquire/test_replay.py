@@ -275,8 +275,9 @@ def test_an_arm_that_another_client_controls_is_left_unchanged(fresh_arm):
         assert other.stdout.readline().strip() == "idle"
         with pytest.raises(MotionRefused, match="another RTDE client") as refused:
             replay(short(), UR5, fresh_arm.settings())
-        assert refused.value.reason.code == "arm_in_use"  # by which the window is tried again
-        assert "registers are already in use" in refused.value.reason.parameters["why"]
+        held = refused.value.reason.parameters["why"]
+        assert held.code == "arm_in_use"  # by which the window is tried again
+        assert "registers are already in use" in held.parameters["why"]
         truth = fresh_arm.truth()
         assert truth["scripts_started"] == 1
         assert [stop["kind"] for stop in truth["stops"]] == ["program_end"]  # its own

@@ -9,7 +9,7 @@ import pytest
 from monitor.acquire.ur.control import ARM_IN_USE
 from monitor.acquire.ur.node import REGISTERS_IN_USE
 from monitor.config.load import load
-from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
+from monitor.errors import AT_HOST, MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.service.daemon import Daemon
 from monitor.service.history.status import status_document
 from monitor.store.store import Store
@@ -90,7 +90,9 @@ def test_an_arm_that_is_not_reached_is_tried_again_while_the_window_is_open(daem
 @pytest.mark.parametrize("sentence", [ARM_IN_USE, REGISTERS_IN_USE])
 def test_registers_that_another_client_holds_are_tried_again_in_the_same_window(daemon, sentence):
     """It may be a connection that has just ended. Three tries as of every other; nothing moved, so the window is skipped at last."""
-    held = MotionRefused(sentence(first=20, last=22, why="One of the RTDE input registers are already in use!"))
+    held = MotionRefused(
+        AT_HOST(host="127.0.0.1", why=sentence(first=20, last=22, why="One of the RTDE input registers are already in use!"))
+    )
     made = daemon(held, MotionRefused("remote_control: off"))
     assert made.monitor.perform(NOON, closes_unix_s=NOON + 60.0).reason_text == "remote_control: off"
     assert states(made) == [("skipped", [sentence.code])]
@@ -98,7 +100,7 @@ def test_registers_that_another_client_holds_are_tried_again_in_the_same_window(
     again = daemon(held, held, held)
     row = again.monitor.perform(NOON + 1.0, closes_unix_s=NOON + 61.0)
     assert again.waiting == []
-    assert row.reason_text.startswith("another RTDE client holds")
+    assert row.reason_text.startswith("127.0.0.1: another RTDE client holds")
     assert "ur-rtde cannot tell which, and names fieldbuses alone: 'One of" in row.reason_text
 
 
