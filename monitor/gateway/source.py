@@ -17,8 +17,9 @@ from monitor.plant.database import Database
 from monitor.plant.ingest import RUNNING
 from monitor.plant.status import DOCUMENTS, heard_arms
 from monitor.plant.tables import arm, friction, gateway_cursor, history, last_value, note, transition
-from monitor.publish.documents import Event, HistoryRow, read
+from monitor.publish.documents import Event, HistoryRow, mended
 from monitor.publish.shown import tier_gravity
+from monitor.publish.timestamps import utc
 
 PAGE = 500  # transitions that are taken at once
 READ_AT_ONCE = 200  # arms whose documents are read by one query
@@ -140,13 +141,14 @@ def _newest_friction(connection: sa.Connection, arm: HeardArm) -> dict[int, Hist
     for joint in range(1, MOST_JOINTS + 1):
         newest = sa.select(friction).where(of_arm, friction.c.joint == joint).order_by(friction.c.recorded_at.desc()).limit(1)
         row = connection.execute(newest).one_or_none()
-        if row is not None:
-            found[joint] = copied_friction(row)
+        if row is not None and (copied := copied_friction(row)) is not None:
+            found[joint] = copied
     return found
 
 
 def _transition(connection: sa.Connection, name: ArmName, row: Any) -> Transition:
-    alert = read(Event, row.document)
+    columns = {name: getattr(row, name) for name in ("seq", "joint", "condition", "tier", "kind")} | {"at": utc(row.at)}
+    alert, _ = mended(Event, {**row.document, **columns} if isinstance(row.document, dict) else columns)
     before = ENDED if row.kind == RAISED else _tier_before(connection, row)
     after = ENDED if row.kind == CLEARED else row.tier
     kind = row.kind

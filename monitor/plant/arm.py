@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from monitor.errors import BadInput
 from monitor.plant.tables import FIGURES, LIFE_FIGURES
-from monitor.publish.documents import Alert, Health, HistoryRow, Info, JointState, LastReplay, Monitor, RemainingLife, read, worded
+from monitor.publish.documents import Alert, Health, HistoryRow, Info, JointState, LastReplay, Monitor, mended_alerts, read, worded
 from monitor.publish.session import ROOT
 from monitor.publish.shown import Grade, Shown, arm_shown, joint_shown, waiting
 from monitor.publish.timestamps import utc
@@ -76,6 +76,7 @@ class HeardArm:
     silent_since_unix_s: float | None = None  # None: its monitor is heard, as far as the plant knows
     silent_why: Reason | None = None
     problem: Reason | None = None  # why its history cannot be copied; None: it can
+    set_aside: Reason | None = None  # which rows of its history cannot be read; None: all can
     histories: int = 1  # and one more for each time that its history was restored or replaced
     same_history: tuple[str, ...] = ()  # other arms that have the very same one: it was renamed, or its disk was copied
 
@@ -208,7 +209,8 @@ def readable_health(document: Any, at_unix_s: float) -> Health:
         return read(Health, document)
     except BadInput:
         said = document if isinstance(document, dict) else {}
-    kept = {name: _those(model, said[name]) for name, model in (("joints", JointState), ("alerts", Alert)) if name in said}
+    kept: dict[str, Sequence[BaseModel]] = {"joints": _those(JointState, said["joints"])} if "joints" in said else {}
+    kept |= {"alerts": mended_alerts(said["alerts"])} if "alerts" in said else {}
     try:
         return read(Health, {**said, **kept})
     except BadInput as error:
@@ -231,18 +233,14 @@ def _readable(model: type[Content], document: Any) -> Content | None:
         return None
 
 
-def copied_friction(row: Any) -> HistoryRow:
-    """The document of a joint after a replay, from its row; what lies between the columns is judged from them."""
+def copied_friction(row: Any) -> HistoryRow | None:
+    """The document of a joint after a replay, from its row; what lies between the columns is judged from them. None where it is none."""
     life = {name: getattr(row, name) for name in LIFE_FIGURES}
     verdict = "no_trend" if life["p50_days"] is None else "trend" if life["p50_days"] > 0.0 else "reached"
-    remaining = RemainingLife(**{**life, "trend_probability": life["trend_probability"] or 0.0}, verdict=verdict)
-    return HistoryRow(
-        **{name: getattr(row, name) for name in FIGURES},
-        joint=row.joint,
-        replay=row.replay,
-        recorded_at=utc(row.recorded_at),
-        remaining_life=remaining,
-    )
+    remaining = {**life, "trend_probability": life["trend_probability"] or 0.0, "verdict": verdict}
+    figures = {name: getattr(row, name) for name in FIGURES}
+    known = {"joint": row.joint, "replay": row.replay, "recorded_at": utc(row.recorded_at), "remaining_life": remaining}
+    return _readable(HistoryRow, {**figures, **known})
 
 
 # --- An arm that is followed: by which ways it is seen, when it was heard, how far it is copied. Times are those of a monotonic clock

@@ -10,10 +10,11 @@ from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
 from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, Said, arm, audit, friction, history, last_value, note, transition
 from monitor.publish.documents import Event, HistoryChange, HistoryRow
-from monitor.reason import Reason
+from monitor.reason import Reason, Sentence
 
 EVENTS, CHANGES = "event", "change"  # the two logs of an arm, as their cursors are called
 MOST_AN_HOUR, HOUR_S = 5, 3600.0  # histories of one arm: somebody who restores a backup may need several attempts
+LONGEST_TEXT = 2000  # of a line of the audit
 RUNNING = "running"  # name of the note that the plant runs
 
 
@@ -23,6 +24,10 @@ class CursorMoved(Exception):
 
 class HistoriesWithoutEnd(Exception):
     """An arm says another history time and again: copying each would fill the database and the audit."""
+
+
+SET_ASIDE = Sentence("rows_set_aside", "{count} rows of its history cannot be read, the newest: {newest}")
+FEW_ASIDE = 20  # that a line of the audit names
 
 
 class Known(NamedTuple):
@@ -37,12 +42,13 @@ class Known(NamedTuple):
     events_before: int | None  # the newest transition when the arm was first asked; None: it was not yet
 
 
-class Gap(NamedTuple):
-    """Entries that are missing between those of a page, for the audit."""
+class Flaws(NamedTuple):
+    """What is wrong with a page, for the audit."""
 
     at_unix_s: float
     robot: str
-    what: Reason
+    gap: Reason | None  # which entries are missing between others
+    aside: Sequence[Reason]  # which cannot be read
 
 
 def known(database: Database, site: str, robot: str, now_unix_s: float) -> Known:
@@ -122,10 +128,10 @@ def add_transitions(
     new: Sequence[Entry[Event]],
     cursor: Cursor,
     history_id: str | None,
-    gap: Gap | None = None,
+    flaws: Flaws | None = None,
     events_before: int | None = None,
 ) -> None:
-    """Transitions, the cursor after them, and what is missing between them, in one transaction. Raises CursorMoved, StoreError."""
+    """Transitions, the cursor after them, and what is wrong with them, in one transaction. Raises CursorMoved, StoreError."""
     rows: list[dict[str, Any]] = [
         {
             **{"arm": at.arm, "history": at.number, "seq": event.seq, "at": event.at.timestamp(), "joint": event.joint},
@@ -139,15 +145,15 @@ def add_transitions(
         _move(
             connection, at, EVENTS, at.event, cursor, history_id, events_before=at.events_before if events_before is None else events_before
         )
-        _audit_gap(connection, gap)
+        _audit_flaws(connection, at, flaws)
         if rows:
             connection.execute(sa.insert(transition), rows)
 
 
 def add_changes(
-    database: Database, at: Known, new: Sequence[Entry[HistoryChange]], cursor: Cursor, history_id: str | None, gap: Gap | None = None
+    database: Database, at: Known, new: Sequence[Entry[HistoryChange]], cursor: Cursor, history_id: str | None, flaws: Flaws | None = None
 ) -> None:
-    """The rows of changed replays, the cursor after them, and what is missing between them, in one transaction.
+    """The rows of changed replays, the cursor after them, and what is wrong with them, in one transaction.
 
     Raises CursorMoved, StoreError.
     """
@@ -157,7 +163,7 @@ def add_changes(
     database.make_partitions("friction", (row["recorded_at"] for row in rows))
     with database.write() as connection:
         _move(connection, at, CHANGES, at.change, cursor, history_id, newest_replay=max([at.newest_replay, *last]))
-        _audit_gap(connection, gap)
+        _audit_flaws(connection, at, flaws)
         if again:
             of_arm = (friction.c.arm == at.arm) & (friction.c.history == at.number)
             connection.execute(sa.delete(friction).where(of_arm, friction.c.replay.in_(again)))
@@ -165,9 +171,21 @@ def add_changes(
             connection.execute(sa.insert(friction), rows)
 
 
-def _audit_gap(connection: sa.Connection, gap: Gap | None) -> None:
-    if gap is not None:
-        add_audit(connection, gap.at_unix_s, "plant", "gap", gap.robot, gap.what.text)
+def _audit_flaws(connection: sa.Connection, at: Known, flaws: Flaws | None) -> None:
+    """A line of the audit for what is missing, and one for what is set aside; how much that is stands at the history, too."""
+    if flaws is None:
+        return
+    if flaws.gap is not None:
+        add_audit(connection, flaws.at_unix_s, "plant", "gap", flaws.robot, flaws.gap.text)
+    if flaws.aside:
+        own = (history.c.arm == at.arm) & (history.c.number == at.number)
+        before = connection.execute(sa.select(history.c.set_aside).where(own)).scalar_one()
+        count = len(flaws.aside) + (int(str(before.parameters["count"])) if before else 0)
+        said = SET_ASIDE(count=count, newest=flaws.aside[-1])
+        connection.execute(sa.update(history).where(own).values(set_aside=said))
+        more = len(flaws.aside) - FEW_ASIDE
+        named = [each.text for each in flaws.aside[:FEW_ASIDE]] + ([f"and {more} more"] if more > 0 else [])
+        add_audit(connection, flaws.at_unix_s, "plant", "set aside", flaws.robot, "; ".join(named)[:LONGEST_TEXT])
 
 
 def _move(connection: sa.Connection, at: Known, log: str, before: Cursor, after: Cursor, history_id: str | None, **more: Any) -> None:

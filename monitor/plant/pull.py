@@ -1,5 +1,6 @@
 """Copying arms' histories: pages by cursor from the arm into the database, in threads side by side, each arm once at a time. I/O."""
 
+import hashlib
 import itertools
 import logging
 import queue
@@ -11,13 +12,13 @@ import orjson
 
 from monitor.errors import BadInput, BusError, MonitorError, StoreError
 from monitor.plant.arm import ArmName
-from monitor.plant.cursor import AnotherLog, Disordered, Entry, step
+from monitor.plant.cursor import AnotherLog, Cursor, Disordered, Entry, step
 from monitor.plant.database import Database, DataRefused
 from monitor.plant.ingest import (
     CHANGES,
     EVENTS,
     CursorMoved,
-    Gap,
+    Flaws,
     HistoriesWithoutEnd,
     Known,
     add_changes,
@@ -26,7 +27,7 @@ from monitor.plant.ingest import (
     known,
 )
 from monitor.plant.links import Link
-from monitor.publish.documents import Event, Events, History, HistoryChange, read
+from monitor.publish.documents import Event, Events, History, HistoryChange, mended, read, rows_of
 from monitor.reason import Reason, Sentence
 
 log = logging.getLogger(__name__)
@@ -47,6 +48,9 @@ MORE_GAPS = Sentence(
 )
 REFUSES = Sentence("arm_refuses", "it refuses: {why}")
 ANSWER_UNREADABLE = Sentence("answer_unreadable", "its answer on {log:word} cannot be read: {why}")
+TRANSITION_ASIDE = Sentence("transition_set_aside", "transition {seq}: {why}")
+CHANGE_ASIDE = Sentence("change_set_aside", "change {seq}: {why}")
+LARGEST_SEQ = 2**63  # no database has a larger number
 INTERNAL = Sentence("copying_failed", "internal: {error}")
 
 
@@ -85,8 +89,9 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
     following: int | None = 0
     while following is not None:
         cursor = at.event if name == EVENTS else at.change
-        identity, entries, following, newest = _page(way, prefix, name, cursor.asks_after)
-        found = step(cursor, at.history_id, identity, entries)
+        page = _page(way, prefix, name, cursor)
+        identity, following = page.history_id, page.following
+        found = step(cursor, at.history_id, identity, page.entries)
         if isinstance(found, Disordered):
             raise CannotCopy(NOT_IN_ORDER)
         if isinstance(found, AnotherLog):
@@ -98,19 +103,23 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
             return False
         if following is not None and not found.new:  # it would be asked the same for ever
             raise CannotCopy(NOTHING_FOLLOWS)
-        gap = Gap(now(), robot, _gap(name, found.missing)) if found.missing else None
-        before = newest if at.events_before is None else at.events_before
+        gap = _gap(name, found.missing) if found.missing else None
+        aside = [why for entry in found.new for why in page.aside.get(entry.seq, ())]
+        flaws = Flaws(now(), robot, gap, aside) if gap or aside else None
+        new = [entry for entry in found.new if entry.content is not None]
+        before = page.newest if at.events_before is None else at.events_before
         if name == EVENTS and (found.new or identity != at.history_id or at.events_before is None):
-            add_transitions(database, at, found.new, found.cursor, identity, gap, before)
+            add_transitions(database, at, new, found.cursor, identity, flaws, before)
         elif name == CHANGES and (found.new or identity != at.history_id):
-            add_changes(database, at, found.new, found.cursor, identity, gap)
-        if gap is not None:
-            log.warning("%s: %s", robot, gap.what.text)
+            add_changes(database, at, new, found.cursor, identity, flaws)
+        for why in (gap, *aside):
+            if why is not None:
+                log.warning("%s: %s", robot, why.text)
         at = at._replace(history_id=identity or at.history_id)
         if name == EVENTS:
             at = at._replace(event=found.cursor, events_before=before)
         else:
-            newest_replay = max([at.newest_replay, *(entry.content.replay for entry in found.new)])
+            newest_replay = max([at.newest_replay, *(entry.content.replay for entry in new)])
             at = at._replace(change=found.cursor, newest_replay=newest_replay)
     return True
 
@@ -136,26 +145,76 @@ def _without_nul(value: Any) -> Any:
     return {_without_nul(key): _without_nul(each) for key, each in value.items()} if isinstance(value, dict) else value
 
 
-def _page(way: Way, prefix: str, name: str, after: int) -> tuple[str | None, Sequence[Entry[Any]], int | None, int]:
-    """One page of a log: the identity of the history, entries, whether more follow (as a number), and the newest transition there is."""
-    parameter = "after" if name == EVENTS else "changed_after"
-    key = f"{prefix}/{'event' if name == EVENTS else 'history'}?{parameter}={after};limit={PAGE}"
+class Page(NamedTuple):
+    """One page of a log."""
+
+    history_id: str | None
+    entries: list[Entry[Any]]  # content None: it cannot be read
+    following: int | None  # whether more follow
+    newest: int  # transition that there is
+    aside: dict[int, list[Reason]]  # by entry: what of it cannot be read
+
+
+def _page(way: Way, prefix: str, name: str, cursor: Cursor) -> Page:
+    """The page from the cursor on. What cannot be read in it is set aside, unless nothing of a log can be read."""
+    kind, parameter, listed = ("event", "after", "events") if name == EVENTS else ("history", "changed_after", "changes")
     try:
-        payload = way.ask(key)
+        payload = way.ask(f"{prefix}/{kind}?{parameter}={cursor.asks_after};limit={PAGE}")
     except BadInput as refused:
         raise CannotCopy(REFUSES(why=refused.reason)) from None
     except BusError as error:
         raise CannotCopy(error.reason) from None
     try:
         document = read_document(payload)
-        if name == EVENTS:
-            events = read(Events, document)
-            entries = [Entry(event.seq, _event_mark(event), event) for event in events.events]
-            return events.history_id, entries, events.next, events.last or 0
-        history = read(History, document)
-        return history.history_id, [Entry(each.seq, _change_mark(each), each) for each in history.changes], history.next, 0
-    except (BadInput, ValueError) as wrong:
-        raise CannotCopy(ANSWER_UNREADABLE(log="event" if name == EVENTS else "history", why=str(wrong).splitlines()[0])) from None
+        given = document.get(listed, []) if isinstance(document, dict) else None
+        model: type[Events | History] = Events if name == EVENTS else History
+        said = read(model, {**document, listed: []} if isinstance(given, list) else document)
+        entries, aside = [], {}
+        for place, each in enumerate(given or ()):
+            entry, wrong = _event(each) if name == EVENTS else _change(each)
+            if entry is None:
+                raise BadInput(f"{listed}.{place}.{wrong[0].parameters['why']}")
+            entries.append(entry)
+            aside[entry.seq] = wrong
+        if entries and cursor.seq == 0 and all(entry.content is None for entry in entries):
+            raise BadInput(f"{listed}.0.{aside[entries[0].seq][0].parameters['why']}")
+    except (BadInput, ValueError) as wrong_page:
+        raise CannotCopy(ANSWER_UNREADABLE(log=kind, why=str(wrong_page).splitlines()[0])) from None
+    newest = said.last or 0 if isinstance(said, Events) else 0
+    return Page(said.history_id, entries, said.next, newest, aside)
+
+
+def _event(given: object) -> tuple[Entry[Event | None] | None, list[Reason]]:
+    """A transition, and what is wrong with it; None where it has no number."""
+    try:
+        event, why = mended(Event, given)
+    except BadInput as error:
+        return _aside(given, TRANSITION_ASIDE, str(error))
+    return Entry(event.seq, _event_mark(event), event), [] if why is None else [TRANSITION_ASIDE(seq=event.seq, why=why)]
+
+
+def _change(given: object) -> tuple[Entry[HistoryChange | None] | None, list[Reason]]:
+    """A change with those of its rows that can be read, and what is wrong with the others; None where it has no number."""
+    listed = given.get("rows") if isinstance(given, dict) else None
+    try:
+        if not isinstance(given, dict) or not isinstance(listed, list):
+            change = read(HistoryChange, given)
+        else:
+            rows, refused = rows_of(listed)
+            change = read(HistoryChange, {**given, "rows": []}).model_copy(update={"rows": rows})
+            return Entry(change.seq, _change_mark(change), change), [each.reason for each in (*change.set_aside, *refused)]
+    except BadInput as error:
+        return _aside(given, CHANGE_ASIDE, str(error))
+    return Entry(change.seq, _change_mark(change), change), []
+
+
+def _aside(given: object, sentence: Sentence, why: str) -> tuple[Entry[Any] | None, list[Reason]]:
+    """An entry that cannot be read: its number is kept, and a digest tells it from another one."""
+    seq = given.get("seq") if isinstance(given, dict) else None
+    if not isinstance(seq, int) or isinstance(seq, bool) or not 0 < seq < LARGEST_SEQ:
+        return None, [sentence(seq=0, why=why)]
+    digest = hashlib.sha256(orjson.dumps(given, option=orjson.OPT_SORT_KEYS)).hexdigest()[:16]
+    return Entry(seq, f"unreadable {digest}", None), [sentence(seq=seq, why=why)]
 
 
 def _event_mark(event: Event) -> str:

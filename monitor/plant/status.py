@@ -58,7 +58,7 @@ def plant_status(database: Database, now_unix_s: float | None = None) -> PlantSt
 def heard_arms(connection: sa.Connection, numbers: Collection[int] | None = None, *, keys: Collection[str] = DOCUMENTS) -> list[HeardArm]:
     """Arms with the documents of these keys, without their friction. numbers : of these arms; None: of all."""
     present = (history.c.arm == arm.c.id) & (history.c.number == arm.c.history)
-    rows = connection.execute(sa.select(arm, history.c.history_id).outerjoin(history, present)).all()
+    rows = connection.execute(sa.select(arm, history.c.history_id, history.c.set_aside).outerjoin(history, present)).all()
     wanted = sa.select(last_value.c.arm, last_value.c.key, last_value.c.heard_at, last_value.c.document).where(last_value.c.key.in_(keys))
     if numbers is not None:
         wanted = wanted.where(last_value.c.arm.in_(list(numbers)))
@@ -80,6 +80,7 @@ def heard_arms(connection: sa.Connection, numbers: Collection[int] | None = None
             silent_since_unix_s=row.silent_since,
             silent_why=row.silent_why,
             problem=row.problem,
+            set_aside=row.set_aside,
             histories=row.history,
             same_history=tuple(str(each) for each in of_history.get(row.history_id, ()) if each != name),
         )
@@ -128,6 +129,7 @@ def arm_document(arm: HeardArm, now_unix_s: float, say: Language = ENGLISH) -> d
         "silent_since": None if arm.silent is None else rfc3339(arm.silent.since_unix_s or 0.0),
         "silent_why": None if arm.silent is None else say.say(arm.silent.why),
         "problem": None if arm.problem is None else say.say(arm.problem),
+        "set_aside": None if arm.set_aside is None else say.say(arm.set_aside),
         "alerts": len(arm.alerts),
         "waiting": len(arm.waiting(now_unix_s)),
         "troubles": list(arm.troubles),
@@ -165,6 +167,8 @@ def _about(each: HeardArm, now_unix_s: float) -> str:
         parts.append("STALE: nothing was learnt of it for a long time")
     if each.problem:
         parts.append(f"NOT COPIED: {_line(each.problem.text, MOST_OF_A_SENTENCE)}")
+    if each.set_aside:
+        parts.append(f"SET ASIDE: {_line(each.set_aside.text, MOST_OF_A_SENTENCE)}")
     if shown.age is Age.NOW and shown.state != NORMAL and each.health is not None:
         parts.append(_line(deciding(shown, now_unix_s), MOST_OF_A_SENTENCE))
     if waits:

@@ -98,9 +98,9 @@ history = Table(  # an arm has another one after each restoration from a backup;
     Column("change_cursor", BigInteger, nullable=False),
     Column("change_mark", Text, nullable=False),
     Column("newest_replay", BigInteger, nullable=False),  # of those copied; a later one cannot be here already
-    Column(
-        "events_before", BigInteger
-    ),  # the arm's newest transition when the plant first asked; 0 of a later history; none: not asked yet
+    Column("set_aside", Said),  # how many of its rows cannot be read, and the newest of them; none: all can
+    # its newest transition when the plant first asked, 0 of a later history; none: it was not asked yet
+    Column("events_before", BigInteger),
 )
 
 # partitions, a month each, in PostgreSQL; its key holds the time for that reason. The cursor keeps a transition from coming twice

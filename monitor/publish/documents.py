@@ -4,6 +4,8 @@ Every kind is `joint-monitor.<kind>.v1`. Within v1 fields are only added: reader
 from the beginning. Times are UTC, RFC 3339; units stand in the names; null means unknown.
 """
 
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Annotated, Any, TypeVar
 
@@ -15,10 +17,18 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import State
 from monitor.judge.document import plain
 from monitor.publish.timestamps import outside
-from monitor.reason import FREE, Reason, reason_from, reason_of
+from monitor.reason import FREE, Reason, Sentence, reason_from, reason_of, together
 
 Content = TypeVar("Content", bound=BaseModel)
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+ROUNDING = 1e-9  # by which a sum of weights may leave its bounds
+
+
+def _rounded(value: object) -> object:
+    """A fraction without the rounding of its sum, e.g. 1.0000000000000002."""
+    return min(max(value, 0.0), 1.0) if isinstance(value, float) and -ROUNDING <= value <= 1.0 + ROUNDING else value
+
+
+Fraction = Annotated[float, BeforeValidator(_rounded), Field(ge=0.0, le=1.0)]
 Joint = Annotated[int, Field(ge=1, le=8, description="counted from the base, from 1")]
 Number = FiniteFloat
 Maybe = FiniteFloat | None
@@ -113,6 +123,18 @@ def read(model: type[Content], document: object) -> Content:
         mistake = error.errors(include_url=False, include_input=False, include_context=False)[0]
         place = ".".join(map(str, mistake["loc"]))
         raise BadInput(f"{place}: {mistake['msg']}" if place else mistake["msg"]) from None
+
+
+def readable(model: type[Content], documents: Sequence[object]) -> tuple[list[Content], list[tuple[object, str]]]:
+    """Those of the documents that are one, and the others, each with what is wrong with it."""
+    found: list[Content] = []
+    refused: list[tuple[object, str]] = []
+    for each in documents:
+        try:
+            found.append(read(model, each))
+        except BadInput as error:
+            refused.append((each, str(error)))
+    return found, refused
 
 
 def encoded(document: Document) -> bytes:
@@ -343,6 +365,48 @@ class Event(Alert):
     why: str | None = None
 
 
+UNREADABLE = Sentence(
+    "alert_unreadable", "A part of what its arm says of this alert cannot be read ({why}), and stands here as 0 or as nothing."
+)
+AnAlert = TypeVar("AnAlert", bound=Alert)
+
+
+def mended(model: type[AnAlert], document: object) -> tuple[AnAlert, str | None]:
+    """An alert or a transition, and what was wrong with its document: a person is told all the same.
+
+    Raises BadInput where it does not say which joint, condition, tier and time.
+    """
+    try:
+        return read(model, document), None
+    except BadInput as error:
+        if not isinstance(document, Mapping):
+            raise
+        why = str(error)
+    at = document.get("at", document.get("raised_at"))
+    nothing = {"change": 0.0, "probability": 0.0, "text": "", "action": "", "active": document.get("kind") != "cleared"}
+    nothing |= {"raised_at": at, "updated_at": at}
+    core = {name for name, field in model.model_fields.items() if field.is_required()} - nothing.keys()
+    kept = {name: document.get(name) for name in core} | nothing
+    if readable(model, [kept])[1]:
+        raise BadInput(why)
+    for name in document.keys() - core:
+        with suppress(BadInput):
+            read(model, kept | {name: document[name]})
+            kept[name] = document[name]
+    found = read(model, kept)
+    more = worded(text=together(found.says("text"), UNREADABLE(why=why)))
+    return found.model_copy(update={**more, "reasons": {**found.reasons, **more["reasons"]}}), why
+
+
+def mended_alerts(listed: object) -> list[Alert]:
+    """The alerts of a list; those of which nobody can be told are left out."""
+    found = []
+    for each in listed if isinstance(listed, list) else []:
+        with suppress(BadInput):
+            found.append(mended(Alert, each)[0])
+    return found
+
+
 class Events(Document):
     """Answer to a query on `event`: the transitions after `after`, oldest first; without `limit` the newest 100 at most.
 
@@ -424,6 +488,20 @@ class HistoryChange(Document):
     replay: int
     at: Time = Field(description="by the clock of the monitor's host")
     rows: list[HistoryRow] = Field(description="of the replay, as they are now; empty: they were taken back")
+    set_aside: list[Said] = Field(default_factory=list, description="which rows of the replay are none, and why")
+
+
+ROW_ASIDE = Sentence("row_set_aside", "joint {joint} of replay {replay}: {why}")
+
+
+def rows_of(documents: Sequence[object]) -> tuple[list[HistoryRow], list[Said]]:
+    """The rows that are one, and the names of the others with what is wrong with each."""
+    rows, refused = readable(HistoryRow, documents)
+    return rows, [said(ROW_ASIDE(joint=_of(each, "joint"), replay=_of(each, "replay"), why=why)) for each, why in refused]
+
+
+def _of(document: object, name: str) -> str:
+    return str(document.get(name, "?")) if isinstance(document, Mapping) else "?"
 
 
 class History(Document):
@@ -435,6 +513,7 @@ class History(Document):
     rows: list[HistoryRow]
     next: int | None
     changes: list[HistoryChange] = Field(default_factory=list, description="oldest first; a replay's rows stand in each of its changes")
+    set_aside: list[Said] = Field(default_factory=list, description="which rows of the page are none, and why")
     history_id: str | None = Field(default=None, description="another one means another history, whose numbers mean something else")
 
 

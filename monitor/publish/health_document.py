@@ -6,12 +6,13 @@ from typing import cast
 
 from monitor.judge.alerts.health import Health, JointHealth, State, alert_document
 from monitor.judge.alerts.states import FOR_DAYS, NOT_YET, stale_joints, stale_reason
+from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import JointRipple
 from monitor.judge.settings import HealthSettings
 from monitor.judge.torque.production_residual import ProductionEvidence
 from monitor.publish import documents
-from monitor.publish.documents import made, worded
-from monitor.publish.timestamps import utc, utc_if
+from monitor.publish.documents import made, mended_alerts, worded
+from monitor.publish.timestamps import outside, utc, utc_if
 from monitor.reason import Reason
 from monitor.recording import DAY_S
 
@@ -38,7 +39,7 @@ def health_document(
         state=cast(State, health.state) if health is not None and known else None,
         since=utc(health.since_unix_s) if health is not None and known else None,
         joints=[] if health is None else [_joint(joint, old) for joint, old in zip(health.joints, silent, strict=True)],
-        alerts=[made(documents.Alert, alert_document(alert)) for alert in alerts],
+        alerts=mended_alerts([outside(plain(alert_document(alert))) for alert in alerts]),
         next_replay_due=next_replay_due,
         said_at=utc(now_unix_s),
         stale=any(silent),

@@ -4,6 +4,8 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from pydantic import ValidationError
+
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Health
 from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
@@ -26,7 +28,7 @@ from monitor.publish.queries import (
     history_question,
     request,
 )
-from monitor.publish.timestamps import rfc3339
+from monitor.publish.timestamps import rfc3339, utc
 from monitor.publish.torque import torque_answer
 from monitor.service.alert_changes import AlertChanges
 from monitor.service.publisher import event_document
@@ -75,7 +77,11 @@ class Handlers:
         )
         for row in rows:  # their one time; five years of them are asked for at once
             row["recorded_at"] = rfc3339(row.pop("recorded_at_unix_s"))
-        return documents.History.model_validate({"rows": rows, "next": following})
+        try:
+            return documents.History.model_validate({"rows": rows, "next": following})
+        except ValidationError:
+            found, aside = documents.rows_of(rows)
+            return documents.History(rows=found, next=following, set_aside=aside)
 
     def _changes(self, after: int, limit: int) -> documents.History:
         """One page of changes; `limit` counts rows, about, as of any page."""
@@ -84,10 +90,10 @@ class Handlers:
         rows: dict[int, list[dict[str, Any]]] = {}
         for replay, joint, at, document in self._store.assessments.friction_of(sorted({replay for _, replay, _ in page})):
             rows.setdefault(replay, []).append({**document, "replay": replay, "joint": joint, "recorded_at": rfc3339(at)})
-        changes = [
-            documents.HistoryChange.model_validate({"seq": seq, "replay": replay, "at": rfc3339(at), "rows": rows.get(replay, [])})
-            for seq, replay, at in page
-        ]
+        changes = []
+        for seq, replay, at in page:
+            found, aside = documents.rows_of(rows.get(replay, []))
+            changes.append(documents.HistoryChange(seq=seq, replay=replay, at=utc(at), rows=found, set_aside=aside))
         return documents.History(rows=[], next=following, changes=changes, history_id=identity)
 
     def events(self, parameters: Mapping[str, Any]) -> documents.Events:

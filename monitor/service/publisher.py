@@ -3,12 +3,15 @@
 import dataclasses
 import hashlib
 import json
+import logging
 import platform
 import socket
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
 
 from monitor import __version__
 from monitor.config.schema import Configuration
@@ -17,9 +20,9 @@ from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple
 from monitor.publish import documents
 from monitor.publish.bus import Bus
-from monitor.publish.documents import Document, made, worded
+from monitor.publish.documents import Document, made, mended, worded
 from monitor.publish.health_document import health_document
-from monitor.publish.timestamps import utc, utc_if
+from monitor.publish.timestamps import outside, utc, utc_if
 from monitor.recording import Context
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
@@ -30,6 +33,8 @@ from monitor.store.history.ledger import LedgerRow
 
 if TYPE_CHECKING:
     from monitor.judge.assessment import JointFriction
+
+log = logging.getLogger(__name__)
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux makes another identifier at every boot of the host, proc(5)
 PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # their versions decide what is on the wire and in the figures
@@ -95,6 +100,15 @@ class Publisher:
         """Publish one document of a registered kind; `done` runs once it is sent."""
         self._bus.say(document, done=done)
 
+    def _say(self, model: type[Document], value: object) -> None:
+        """Publish the document of a value; where it is none, the log names it, and everything else goes on."""
+        try:
+            document = made(model, value)
+        except ValidationError as error:
+            log.error("a document %s does not fit its model and is not published: %s", model.__name__, error)
+            return
+        self.say(document)
+
     def everything(self) -> None:
         """Publish every last value that is known at a start."""
         self.info()
@@ -131,13 +145,13 @@ class Publisher:
         """Publish health, model and alerts as they are after the last assessment."""
         self.health()
         if self._state.torque_model is not None:
-            self.say(made(documents.Model, self._state.torque_model.as_document()))
+            self._say(documents.Model, self._state.torque_model.as_document())
         for alert in self._state.alerts.alerts:
             self.alert(alert)
 
     def friction(self, joint: "JointFriction") -> None:
         """Publish one joint after one replay."""
-        self.say(made(documents.Friction, joint))
+        self._say(documents.Friction, joint)
 
     def newest_friction(self, joint: int) -> None:
         """Publish what is known of one joint (from 1) after the last replay, and after work since then."""
@@ -145,7 +159,7 @@ class Publisher:
         rows = self._store.assessments.friction(joint=joint, limit=1)
         if belief is not None and rows:
             known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
-            self.say(documents.Friction.model_validate({key: value for key, value in known.items() if key != "replay"}))
+            self._say(documents.Friction, {key: value for key, value in known.items() if key != "replay"})
 
     def from_production(self) -> None:
         """Publish what came from the arm's ordinary work, and how far the next replay is; nothing before the first day of work."""
@@ -161,7 +175,7 @@ class Publisher:
 
     def alert(self, alert: Alert) -> None:
         """Publish the present state of one alert."""
-        self.say(made(documents.Alert, alert_document(alert)))
+        self.say(mended(documents.Alert, outside(plain(alert_document(alert))))[0])
 
     def event(self, event: AlertEvent) -> None:
         """Publish one transition; the history marks it as published once it is sent."""
@@ -179,4 +193,4 @@ class Publisher:
 
 def event_document(event: AlertEvent) -> documents.Event:
     """One transition as it is published."""
-    return made(documents.Event, {"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})
+    return mended(documents.Event, outside(plain({"seq": event.seq, "at_unix_s": event.at_unix_s, **event.document})))[0]

@@ -16,6 +16,8 @@ from monitor.gateway.values import Delivery
 from monitor.plant.arm import GONE, NO_WAY, ArmName
 from monitor.plant.backup import back_up, rebuild, restore
 from monitor.plant.ingest import set_arms
+from monitor.plant.screen.arm_page import ArmContent
+from monitor.plant.tables import FIGURES, friction, history, transition
 
 
 class Noting:
@@ -318,3 +320,32 @@ def test_a_gateway_that_only_shows_states_runs_beside_the_one_with_deliveries_an
                 assert "another gateway works with" in again.trouble
     assert gateway_status(plant.database, plant.now).not_running is None
     assert set(gateway_status(plant.database, plant.now).channels) == {"noting"}
+
+
+def test_rows_that_no_document_takes_neither_end_the_gateway_nor_keep_an_alert_from_people(plant):
+    """A transition half of whose document is gone is told by its columns, the friction of a joint is left out, and all else goes on."""
+    number = plant.arm("hall/cell-1", health={"state": "FAILURE", "alerts": [alert(2, change=None, text="It turns heavier.")]})
+    with gateway(plant)[0] as running:
+        running.step()
+        for joint in (1, 3):
+            plant.happens("hall/cell-1", joint=joint, tier="limit")
+        with plant.database.write() as connection:
+            connection.execute(sa.update(transition).where(transition.c.joint == 1).values(document={"change": "NaN", "text": "Heavier."}))
+            row = {"arm": number, "history": 1, "recorded_at": NOW_UNIX_S, "replay": 1}
+            row |= dict.fromkeys(FIGURES, 1.0) | {"p10_days": None, "p50_days": None, "p90_days": None}
+            rows = [row | {"joint": joint, "trend_probability": chance} for joint, chance in ((1, 1.5), (2, 0.5))]
+            connection.execute(sa.insert(friction), rows)
+            connection.execute(sa.update(history).values(change_cursor=7))
+        for _ in range(4):
+            running.step()
+            plant.now += 60.0
+        assert running.trouble is None
+        owed = running.outbox.owed("noting")
+        assert [each.document["id"].split("/")[2:5:2] for each in owed] == [["j1", "raised"], ["j3", "raised"], ["j2", "active"]]
+        arm = running.source.arms()[ArmName("hall", "cell-1")]
+        assert list(arm.friction) == [2]
+        assert arm.alerts[0].text.startswith("It turns heavier. A part of what its arm says of this alert cannot be read (change: ")
+        told = running.outbox.told(0.0, plant.now)
+        assert told[0].alert.text.startswith("Heavier. A part of what its arm says of this alert cannot be read (")
+    content = ArmContent(ArmName("hall", "cell-1"), plant.database, lambda _: [], lambda *_: None, "en")
+    assert [key for key in content.live.last_payloads() if key.startswith("joint/")] == ["joint/2/friction"]

@@ -29,6 +29,8 @@ from monitor.judge.drift.wear_history import (
 )
 from monitor.judge.settings import PrognosisSettings
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.publish import documents
+from monitor.publish.documents import made
 from monitor.recording import Array
 
 pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
@@ -185,3 +187,25 @@ def test_wear_of_one_joint_leaves_the_paths_of_others_alone() -> None:
     state, _ = worn_fleet("straight", 2, 0.5)
     quiet: Array = np.array([n for n in range(state.joints) if n % state.joints_per_arm != 1])
     assert all(remaining_life_of_joint(state, int(n), DRIFT, PROGNOSIS).path is None for n in quiet)
+
+
+@given(seed=st.integers(0, 2**32 - 1), components=st.integers(1, 400), family=st.sampled_from([SLOWING, STRAIGHT, ACCELERATING, None]))
+@settings(deadline=None, max_examples=150)
+def test_no_probability_of_a_mixture_leaves_its_bounds(seed, components, family):
+    """The rounding of a sum of weights is no probability of 1.0000000000000002: the document of the remaining life takes each."""
+    rng = np.random.default_rng(seed)
+    shapes = np.arange(len(SLOWING)) if family is None else np.flatnonzero(family)
+    weight = rng.gamma(rng.choice([0.01, 1.0]), size=components) + 1e-300
+    paths = WearPaths(
+        weight=weight / weight.sum(),
+        shape=rng.choice(shapes, size=components),
+        since=rng.uniform(5.0, 500.0, components),
+        mean=np.stack([np.ones(components), np.zeros(components), rng.uniform(0.0, 2.0, components)], axis=1),
+        cov=np.tile(np.diag([1e-6, 1e-6, 1e-6]), (components, 1, 1)),
+    )
+    for each in (SLOWING, STRAIGHT, ACCELERATING):
+        assert 0.0 <= paths.probability(each) <= 1.0
+    mean, cov = np.array([rng.uniform(0.0, 0.25), rng.uniform(1e-4, 0.1)]), np.diag([1e-6, 1e-10])
+    life = remaining_life(mean, cov, wear_walk_per_sqrt_day=0.001, settings=PROGNOSIS, paths=paths)
+    made(documents.RemainingLife, life)
+    assert 0.0 <= life.before_service_probability <= 1.0

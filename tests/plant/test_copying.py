@@ -23,7 +23,7 @@ from monitor.plant.links import Inbox
 from monitor.plant.pull import CannotCopy, Copied, Copying, pull
 from monitor.plant.status import as_lines, plant_status
 from monitor.plant.tables import arm as arm_table
-from monitor.plant.tables import audit, friction
+from monitor.plant.tables import audit, friction, transition
 from monitor.plant.tables import history as history_table
 from monitor.service.handlers import Handlers
 from monitor.store.store import Store
@@ -394,3 +394,84 @@ def test_an_arm_that_was_renamed_and_a_disk_that_was_copied_are_told(database):
     assert "its history is that of lab/new as well: if it was renamed, joint-monitor plant forget lab/old" in lines["lab/old"]
     assert "its history is that of lab/old as well: was it renamed, or its disk copied?" in lines["lab/new"]
     assert "its history" not in lines["lab/other"]
+
+
+def worn(probability):
+    """A row of friction with this probability."""
+    return {**ROW, "remaining_life": {**LIFE, "before_service_probability": probability}}
+
+
+def commit(store, day, *rows, events=(ALERT,)):
+    replay = waiting(store, day)
+    documents = {name: {} for name in ("assessment", "belief", "health", "model")}
+    times = {"at_unix_s": DAY * day + 60.0, "recorded_at_unix_s": DAY * day}
+    store.assessments.commit(replay, **times, **documents, friction=list(rows), events=list(events))
+    return replay
+
+
+def test_a_row_that_its_document_does_not_take_is_set_aside_by_name_and_the_rest_is_copied(database, tmp_path):
+    """A rounding above 1 is one; a probability of 1.5 is none. The arm's own answer names it, and so do audit and status of the plant."""
+    with Store.open(tmp_path) as store:
+        for day in range(1, 211):
+            commit(store, day, worn(1.0000000000000002 if day == 10 else 0.5), worn(1.5 if day in (100, 210) else 0.5))
+        copy(database, store)
+        rows = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=2), store=store), None).history({})
+        assert (len(rows.rows), len(rows.set_aside)) == (418, 2)
+        copy(database, store)
+    events, copied_rows = copied(database)["lab/cell-1"]
+    assert (len(events), len(copied_rows)) == (210, 418)
+    assert {(100, 2), (210, 2)} & set(copied_rows) == set()
+    with database.read() as connection:
+        told = connection.execute(sa.select(audit.c.act, audit.c.text)).all()
+    assert [act for act, _ in told] == ["set aside"]
+    assert "joint 2 of replay 100: remaining_life.before_service_probability: Input should be less than or equal to 1" in told[0].text
+    lines = "\n".join(as_lines(plant_status(database, 5.0)))
+    assert "SET ASIDE: 2 rows of its history cannot be read, the newest: joint 2 of replay 210: " in lines
+
+
+def test_what_an_arm_of_another_release_says_wrongly_is_set_aside_and_the_rest_is_copied(database):
+    """Each entry by itself: a change without its time, a joint that is none, a transition with half of its document."""
+    at, event = "2026-01-01T00:00:00Z", {key: value for key, value in ALERT.items() if not key.endswith("_unix_s")}
+    event |= {"at": at, "raised_at": at, "updated_at": at}
+    row = {**ROW, "joint": 1, "replay": 1, "recorded_at": at}
+    events = [
+        {**event, "seq": 1},
+        {**event, "seq": 2, "change": None, "tier": "limit", "text": "It turns heavier."},
+        {**event, "seq": 3, "at": 5},
+        {**event, "seq": 4},
+    ]
+    changes = [
+        {"seq": 1, "replay": 1, "at": at, "rows": [row, {**row, "joint": 9}, {**row, "joint": 2}, 7]},
+        {"seq": 2, "replay": 2, "at": None, "rows": [{**row, "replay": 2}]},
+        {"seq": 3, "replay": 3, "at": at, "rows": [{**row, "replay": 3}]},
+    ]
+
+    def after(name, listed):
+        return lambda given: {"next": None, **({name: [each for each in listed if each["seq"] > int(given[PARAMETER[name]])]})}
+
+    arm = Way(
+        {
+            "event": lambda given: {"first_kept": 1, "last": len(events), **after("events", events)(given)},
+            "history": lambda given: {"rows": [], **after("changes", changes)(given)},
+        }
+    )
+    for _ in range(3):
+        pull(database, arm, "joint-monitor/v1/lab/cell-1", "lab", "cell-1", lambda: 5.0)
+        seen, rows = copied(database)["lab/cell-1"]
+        assert (seen, sorted(rows)) == ([1, 2, 4], [(1, 1), (1, 2), (3, 1)])
+    events.append({**event, "seq": 5, "at": 5})  # the newest one, which every answer repeats from now on
+    for _ in range(2):
+        pull(database, arm, "joint-monitor/v1/lab/cell-1", "lab", "cell-1", lambda: 5.0)
+    events.append({**event, "seq": 6})
+    pull(database, arm, "joint-monitor/v1/lab/cell-1", "lab", "cell-1", lambda: 5.0)
+    assert copied(database)["lab/cell-1"][0] == [1, 2, 4, 6]
+    with database.read() as connection:
+        told = "\n".join(connection.execute(sa.select(audit.c.text).where(audit.c.act == "set aside")).scalars())
+        document = connection.execute(sa.select(transition.c.document).where(transition.c.seq == 2)).scalar_one()
+    for what in ("transition 2: change:", "transition 3: at:", "transition 5: at:", "change 2: at:", "joint 9 of replay 1: joint:"):
+        assert what in told
+    assert (document["tier"], document["change"]) == ("limit", 0.0)
+    assert document["text"].startswith("It turns heavier. ")
+
+
+PARAMETER = {"events": "after", "changes": "changed_after"}

@@ -303,3 +303,14 @@ def test_the_report_is_written_in_the_language_that_is_asked_for(lived, tmp_path
     assert CliRunner().invoke(app, [*arguments, "de"]).exit_code == 0
     assert "Bericht über den Reibungszustand" in page.read_text("utf-8")
     assert "expected one of en, de" in str(CliRunner().invoke(app, [*arguments, "xx"]).exception)
+
+
+def test_a_row_or_an_alert_that_is_none_does_not_keep_the_page_from_people(lived):
+    """A remaining life beyond its bounds, half an alert and none at all: each is said, and the rest is there."""
+    document = json.loads(json.dumps(report_of(lived)))
+    document["joints"][2]["remaining_life"]["before_service_probability"] = 1.5
+    document["alerts"] = [{**document["alerts"][0], "change": None, "text": "It turns heavier."}, {"joint": "x"}]
+    page = report_page([document])
+    assert "A part of what its arm says of this alert cannot be read (change: " in page
+    assert "1 alerts cannot be read." in page
+    assert "What happened" in page

@@ -113,7 +113,7 @@ def remaining_life(
 
     def reached(days: Array, weight: Array) -> Array:
         probability: Array = paths.reached(days, settings.limit_rise, wear_walk_per_sqrt_day) @ weight
-        return np.maximum.accumulate(probability)
+        return np.minimum(np.maximum.accumulate(probability), 1.0)  # the sum of the weights is rounded
 
     p10, p50, p90 = _quantiles(lambda days: reached(days, paths.weight))
     probability = {name: paths.probability(family) for name, family in FAMILIES.items()}

@@ -92,7 +92,7 @@ class WearPaths:
 
     def probability(self, family: np.ndarray) -> float:
         """Probability that the path is one of a family of shapes: SLOWING, STRAIGHT or ACCELERATING."""
-        return float(self.weight @ family[self.shape])
+        return min(float(self.weight @ family[self.shape]), 1.0)  # the sum of the weights is rounded
 
 
 class _Blocks(NamedTuple):

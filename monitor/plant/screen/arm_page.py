@@ -244,7 +244,8 @@ class ArmContent:
             newest = connection.execute(sa.select(friction).where(*own).order_by(friction.c.recorded_at.desc()).limit(MOST_JOINTS)).all()
         encoded = {key: orjson.dumps(document) for key, document in rows}
         for row in reversed(newest):  # of an arm that is not heard, the copied history knows what it said last
-            encoded[f"joint/{row.joint}/friction"] = as_bytes(copied_friction(row))
+            if (copied := copied_friction(row)) is not None:
+                encoded[f"joint/{row.joint}/friction"] = as_bytes(copied)
         return {key: payload for key, payload in encoded.items() if _readable(key, payload)}
 
     def _said(self, model: type[Content], key: str) -> Content | None:

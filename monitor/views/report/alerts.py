@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import Any
 
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.publish.documents import Alert, Friction, read
+from monitor.publish.documents import Alert, Friction, mended_alerts, readable
 from monitor.publish.shown import TIER_WORDS, Pill, alert_pill, gravest_first
 from monitor.publish.timestamps import unix_s
 from monitor.views.alert_sentence import JointPast, sentences
@@ -27,19 +27,22 @@ def lead(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:
     rows = [row for row in report["joints"] if row["joint"] == alert.joint]
     replays = [row["recorded_at"] for row in report["history"]] or [report["from"]]
     began = report.get("began_at") or replays[0]
-    past = JointPast(read(Friction, rows[0]) if rows else None, unix_s(began), unix_s(replays[-1]))
+    friction, _ = readable(Friction, rows)
+    past = JointPast(friction[0] if friction else None, unix_s(began), unix_s(replays[-1]))
     told = sentences(alert, past, min(unix_s(report["to"]), unix_s(report["made_at"])), say)
     return [sentence for sentence in told if sentence]
 
 
 def alerts_of(report: Mapping[str, Any]) -> list[Alert]:
     """The alerts of the period, the gravest first."""
-    return gravest_first(read(Alert, each) for each in report["alerts"])
+    return gravest_first(mended_alerts(report["alerts"]))
 
 
 def alert_boxes(report: Mapping[str, Any], say: Language) -> list[str]:
     """A box for each alert of the period."""
-    return ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in alerts_of(report)]
+    boxes = ['<div class="box">' + "".join(_lines(alert, report, say)) + "</div>" for alert in alerts_of(report)]
+    lost = len(report["alerts"]) - len(boxes)
+    return [*boxes, paragraph(say.say("{count} alerts cannot be read.", count=lost), "warn")] if lost else boxes
 
 
 def _lines(alert: Alert, report: Mapping[str, Any], say: Language) -> list[str]:

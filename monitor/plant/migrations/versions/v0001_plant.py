@@ -49,6 +49,7 @@ def upgrade() -> None:
         sa.Column("change_cursor", sa.BigInteger, nullable=False),
         sa.Column("change_mark", sa.Text, nullable=False),
         sa.Column("newest_replay", sa.BigInteger, nullable=False),
+        sa.Column("set_aside", Document),
         sa.Column("events_before", sa.BigInteger),
     )
     op.create_table(

@@ -20,6 +20,7 @@ function known(arm) {
   if (arm.stale) lines.push([t("Nothing was learned of it for too long: its state is of then."), "warn"]);
   if (arm.same_history.length) lines.push([t("Its history is that of {names} as well: was it renamed, or its disk copied?", { names: arm.same_history.join(", ") }), "warn"]);
   if (arm.problem) lines.push([t("Its history is not copied: {why}", { why: arm.problem }), "warn"]);
+  if (arm.set_aside) lines.push([sentence(arm.set_aside), "warn"]);
   if (arm.clock_ahead_s !== null) {
     const off = Math.abs(arm.clock_ahead_s), time = off > 7200 ? `${Math.round(off / 3600)} h` : `${Math.round(off / 60)} min`;
     lines.push([arm.clock_ahead_s > 0 ? t("Its clock is {time} ahead of the plant's.", { time }) : t("Its clock is {time} behind the plant's.", { time }), "warn"]);
