@@ -17,7 +17,7 @@ from monitor.gateway.mqtt.messages import ArmTopics, messages
 from monitor.gateway.notify.messages import alert_message, plant_page
 from monitor.gateway.opcua.nodes import NE107, readings
 from monitor.gateway.ros2.messages import LEVELS, STALE, statuses
-from monitor.gateway.values import already_active, document_of, transition_of
+from monitor.gateway.values import active, document_of, transition_of
 from monitor.judge.alerts.conditions import CONDITIONS
 from monitor.plant.arm import GONE, ArmName, HeardArm, documents_of
 from monitor.plant.screen.fleet import shown_arm
@@ -91,7 +91,7 @@ def test_every_alert_has_one_pill_one_state_and_one_sentence(condition, tier, sa
     assert chips(summary.html) == [say.say(Pill(state).word)]
     assert summary.sick == (state in ("MAINTENANCE_REQUIRED", "FAILURE"))
 
-    (raised,) = already_active([heard], [], NOW_UNIX_S, NOW_UNIX_S)
+    (raised,) = [active(heard, each) for each in heard.alerts]
     subject, _ = alert_message("alert", [raised], say, ZoneInfo("UTC"), "")
     assert subject == f"[{say.say(TIER_WORDS[tier])}] {NAME}: {headline}".replace("\u00a0", " ")[:200]
     assert transition_of(orjson.loads(orjson.dumps(document_of(raised)))) == raised
