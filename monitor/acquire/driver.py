@@ -75,7 +75,7 @@ class Witness(Protocol):
 
     @property
     def ours_runs(self) -> bool:
-        """Whether the program that runs now is known to be ours."""
+        """Whether the program that runs now, or is paused, is known to be ours."""
 
     def history(self, since_s: float, until_s: float, *, programs: bool = True) -> History:
         """What happened between two times (monotonic [s]). programs : False: another program may run, and may move the arm."""

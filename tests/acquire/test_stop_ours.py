@@ -77,10 +77,11 @@ def test_a_program_that_is_not_known_to_be_ours_is_never_stopped(ours):
         assert dashboard.stops == []
 
 
+@pytest.mark.parametrize("state", ["PLAYING", "PAUSED"])
 @pytest.mark.parametrize(("known", "end", "stops"), [(True, "ended", 1), (False, "not_shown", 0)])
-def test_a_program_that_a_witness_knows_for_ours_is_stopped_however_long_the_session_was_silent(known, end, stops):
+def test_a_program_that_a_witness_knows_for_ours_is_stopped_however_long_the_session_was_silent(state, known, end, stops):
     """A network that was away for a second, a call that blocked: the program played on."""
-    with ScriptedDashboard(lambda _: "PLAYING", 1) as dashboard:
+    with ScriptedDashboard(lambda _: state, 1) as dashboard:
         assert stop_program(HOST, OurProgram(None, runs=lambda: known), within_s=0.5) == end
     assert len(dashboard.stops) == stops
 

@@ -15,7 +15,7 @@ MOVING, RESTING = (0.5,) * 6, (0.0,) * 6
 
 
 def state(at_s, **changes):
-    return Told(at_s, at_s, stopped=False, robot_mode=7, runs=False, teach=False, q=RESTING, qd=RESTING)._replace(**changes)
+    return Told(at_s, at_s, stopped=False, robot_mode=7, runs=False, paused=False, teach=False, q=RESTING, qd=RESTING)._replace(**changes)
 
 
 def found(*states, programs=True):

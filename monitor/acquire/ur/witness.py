@@ -50,6 +50,7 @@ class Told(NamedTuple):
     stopped: bool
     robot_mode: int
     runs: bool  # a program
+    paused: bool  # … is paused
     teach: bool  # somebody holds the arm in freedrive
     q: tuple[float, ...]  # (J,) [rad]
     qd: tuple[float, ...]  # (J,) [rad/s]
@@ -70,9 +71,11 @@ def told(state: bytes) -> Told | None:
             safe = package[SAFETY_AT] in SAFE_MODES
     if modes is None or not joints:
         return None
-    time_us, _, _, _, emergency, protective, runs, _, mode, control = modes
+    time_us, _, _, _, emergency, protective, runs, paused, mode, control = modes
     q, _, qd, *_ = zip(*joints, strict=True)
-    return Told(math.nan, 1e-6 * time_us, bool(emergency or protective or not safe), int(mode), bool(runs), control == TEACH, q, qd)
+    return Told(
+        math.nan, 1e-6 * time_us, bool(emergency or protective or not safe), int(mode), bool(runs), bool(paused), control == TEACH, q, qd
+    )
 
 
 class PrimaryWitness:
@@ -95,11 +98,11 @@ class PrimaryWitness:
 
     @property
     def ours_runs(self) -> bool:
-        """Whether a program runs now, and the last that was told to have started is ours."""
+        """Whether a program runs now, or is paused, and the last that was told to have started is ours."""
         states, started = list(self._states), list(self._started)
         if self._link is None or not states or not started:
             return False
-        return states[-1].runs and time.monotonic() - states[-1].at_s <= STATE_EVERY_S and started[-1][1] == OUR_NAME
+        return (states[-1].runs or states[-1].paused) and time.monotonic() - states[-1].at_s <= STATE_EVERY_S and started[-1][1] == OUR_NAME
 
     def history(self, since_s: float, until_s: float, *, programs: bool = True) -> History:
         """What happened between two times of this host's monotonic clock; waits up to WAIT_S for what comes late.
