@@ -1,11 +1,12 @@
 """One robot's daemon, put together from its parts: shared state, bus, publisher, replay cycle, alerts, queries, production."""
 
 import logging
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from monitor.config.schema import Configuration
-from monitor.errors import StoreUnavailable
+from monitor.errors import BadConfiguration, StoreUnavailable
 from monitor.publish.bus import Bus
 from monitor.reason import Reason
 from monitor.service.alert_changes import AlertChanges
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+PORT_WAIT_S = 5.0  # a command of this machine that asks for a permit has the port for a moment
 AT_START = 3  # recordings that wait are assessed before the service is ready; more of them, after a restored history, afterwards
 
 
@@ -46,7 +48,7 @@ class Daemon:
         compute: Compute = HERE,
         compute_production: Compute = HERE,
     ) -> None:
-        """Open the bus. Raises BusError where an endpoint cannot be opened.
+        """Open the bus. Raises BusError where an endpoint cannot be opened, BadConfiguration where another program keeps it.
 
         now : UTC, seconds since 1970. requests : where a scheduler serves requests for a replay. alive : called often while a replay or an
         assessment is under way. compute, compute_production : how verdicts of replays and of production are computed; the service gives
@@ -54,7 +56,7 @@ class Daemon:
         """
         self._store, self._now = store, now
         self.state = SharedState(configuration, store, now, requests, compute)
-        self.bus = Bus(configuration.bus, configuration.key_prefix)
+        self.bus = _bus(configuration)
         self.publisher = Publisher(self.bus, self.state)
         self.alerts = AlertChanges(self.state, self.publisher)
         self.monitor = Monitor(self.state, self.publisher, play=play, alive=alive)
@@ -111,6 +113,18 @@ class Daemon:
         self.publisher.everything()
         for event in self._store.events.rows(unpublished=True):
             self.publisher.event(event)
+
+
+def _bus(configuration: Configuration) -> Bus:
+    """The open bus. Raises as `Bus`; a port that another program has is tried again for PORT_WAIT_S."""
+    until_s = time.monotonic() + PORT_WAIT_S
+    while True:
+        try:
+            return Bus(configuration.bus, configuration.key_prefix)
+        except BadConfiguration:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(0.25)
 
 
 def _listener(state: SharedState, publisher: Publisher, compute: Compute) -> "ProductionListener":

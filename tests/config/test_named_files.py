@@ -196,6 +196,30 @@ def test_a_taken_port_ends_the_service_with_78_and_says_which(tmp_path: Path, wh
     assert "Traceback" not in ended.stderr
 
 
+def test_a_port_that_a_command_has_for_a_moment_keeps_no_service_down(tmp_path: Path):
+    """`replay` and `check` ask for a permit at the bus's own port; a service that began meanwhile ended with 78 and stayed down."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        path = written(tmp_path, "", taken)
+        daemon = subprocess.Popen([sys.executable, "-m", "monitor", "run", "--config", str(path)], stderr=subprocess.PIPE, text=True)
+        time.sleep(2.5)
+    try:
+        until = time.monotonic() + 20.0
+        while time.monotonic() < until and not listens(taken):
+            time.sleep(0.1)
+        assert daemon.poll() is None
+        assert listens(taken)
+    finally:
+        daemon.kill()
+        daemon.wait()
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as asked:
+        asked.settimeout(0.5)
+        return asked.connect_ex(("127.0.0.1", port)) == 0
+
+
 def test_a_taken_port_of_the_plant_ends_it_with_78(tmp_path: Path):
     """Its screen and its metrics."""
     with socket.create_server(("127.0.0.1", 0)) as other:
