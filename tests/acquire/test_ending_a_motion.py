@@ -138,7 +138,7 @@ def test_whatever_ur_rtde_raises_on_a_lost_connection_is_named_so(monkeypatch, c
             return fail
 
     control = object.__new__(control_module.Control)
-    control._rtde, control._pause_s, control._calling = Broken(), 0.11, lambda _: None
+    control._rtde, control._pause_s, control._calling, control._program = Broken(), 0.11, lambda _: None, None
     arguments = {"set_watchdog": (10.0,), "servo": ([0.0] * 6, 0.008, 0.03, 500.0), "stop_servo": (5.0,)}.get(call, ())
     assert cause_of(lambda: getattr(control, call)(*arguments)) == "connection_lost"
     assert reports[0] == (control_module.TARGET_CALL_S if call == "servo" else reports[0])

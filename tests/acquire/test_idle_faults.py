@@ -104,7 +104,7 @@ def test_a_watchdog_that_only_says_yes_is_found_out_at_standstill():
 
 def test_our_program_that_takes_no_command_is_stopped_and_the_call_that_blocked_is_named():
     """ur-rtde waits for its program until its process is ended. That was told as a lack of processor time, and the program played on."""
-    with simulated_arm("127.0.2.65", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
+    with simulated_arm("127.0.2.67", "--personality", "recorded", "--payload", str(PAYLOAD_KG)) as host, Remote(host) as remote:
         remote.fault("never_ready")
         with pytest.raises(ReplayAborted, match="setWatchdog had not returned") as aborted:
             try_to_move(host)

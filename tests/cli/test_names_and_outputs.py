@@ -126,7 +126,7 @@ def test_a_damaged_history_says_what_becomes_of_it(arms):
     (arms / "cell-1" / "history.sqlite").write_bytes(b"no database" * 1000)
     looked = ended("status", "cell-1")
     assert looked.returncode == 1
-    assert "puts the newest backup in its place" in looked.stderr
+    assert "puts the newest good backup in its place" in looked.stderr
 
 
 def test_an_output_is_not_replaced_unasked(arms):

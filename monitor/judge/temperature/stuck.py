@@ -9,7 +9,6 @@ from functools import cache
 from typing import Annotated
 
 import numpy as np
-from scipy.special import betaln
 
 from monitor.recording import Array
 
@@ -115,6 +114,8 @@ def _beyond_chance(sensors: SensorHistory, assumed: Array | float) -> np.ndarray
     The share of replays after which a sensor says the same again has a beta distribution, by those that were seen. From it follows the
     probability that so many in a row do. assumed : changes that count as seen.
     """
+    from scipy.special import betaln  # only a verdict needs it
+
     same, changes = 1.0 + sensors.held_before, np.maximum(sensors.changes / 2.0 + assumed, LEAST_CHANGES)
     beyond: np.ndarray = betaln(same + sensors.held, changes) - betaln(same, changes) < np.log(CHANCE)
     return beyond
