@@ -126,7 +126,7 @@ GAP_OF_CLOCKS = Sentence(
 )
 GAP_TOO_LONG = Sentence(
     "gap_too_long",
-    "nobody saw the arm for {host_s:.1f} s, and anything may have happened to it; at most {limit_s:g} s are explained; look at the arm",
+    "nobody saw the arm for {host_s:.2f} s, and anything may have happened to it; at most {limit_s:g} s are explained; look at the arm",
 )
 GAP_TOLD = Sentence("gap_told", "{what}: look at the arm")
 GAP_MOVED = Sentence(

@@ -34,9 +34,11 @@ def test_an_arm_whose_program_ends_and_that_comes_to_rest_is_explained():
         ([state(0.0, runs=True), state(0.1, robot_mode=5), state(0.2)], ["mode_meanwhile"]),
         ([state(0.0, runs=True), state(0.1), state(0.2, runs=True), state(0.3)], ["another_program_meanwhile"]),
         ([state(0.0, runs=True), state(0.1, teach=True), state(0.2)], ["taught_meanwhile"]),
-        ([state(0.0, runs=True), state(0.1), state(0.9, qd=MOVING)], ["moved_meanwhile"]),
+        ([state(0.0, runs=True), state(0.1), state(0.3, qd=MOVING)], ["moved_meanwhile"]),
+        ([state(0.0, runs=True), state(0.1), state(0.3, q=(0.02, *RESTING[1:]))], ["moved_meanwhile"]),
+        ([state(0.0, runs=True), state(0.1, qd=MOVING), state(0.9, qd=MOVING)], ["moved_meanwhile"]),
     ],
-    ids=["a stop", "no power", "a program", "freedrive", "a jog"],
+    ids=["a stop", "no power", "a program", "freedrive", "a jog", "a small jog", "no rest"],
 )
 def test_whatever_else_the_robot_told_is_found(states, codes):
     assert found(*states) == codes

@@ -32,7 +32,7 @@ POLL_S = 0.1
 STATE_EVERY_S = 0.15  # a program is told with the time of the state before it
 HOLE_S = 0.5  # between two states: what lies between them was not told
 WAIT_S = 2.0  # for what a network that was away brings late
-RESTS_WITHIN_S = 0.6  # after the end of the program: its servo settles once more some 0.2 s after a hard stop
+RESTS_WITHIN_S, MOVED_RAD = 0.6, 0.01  # after the end of the program; the servo of an arm at rest settles by less
 
 STOPPED_MEANWHILE = Sentence("stopped_meanwhile", "its safety system stopped the arm while nobody saw it")
 MODE_MEANWHILE = Sentence("mode_meanwhile", "the robot mode was {mode} ({name:word}) while nobody saw the arm")
@@ -158,6 +158,7 @@ class PrimaryWitness:
 def against(states: list[Told], *, programs: bool) -> Iterator[Reason]:
     """What speaks against an arm that only came to rest, in successive states of it."""
     ended_s: float | None = None
+    rested: np.ndarray | None = None  # (J,) [rad] where the arm came to rest
     for state in states:
         if state.stopped:
             yield STOPPED_MEANWHILE()
@@ -171,5 +172,10 @@ def against(states: list[Told], *, programs: bool) -> Iterator[Reason]:
             ended_s = None if state.runs else state.at_s
         elif state.runs:
             yield ANOTHER_MEANWHILE()
-        elif state.at_s - ended_s > RESTS_WITHIN_S and not np.all(slow := np.abs(state.qd) <= STANDSTILL_RAD_S):
-            yield MOVED_MEANWHILE(joint=int(np.argmin(slow)) + 1)
+        slow = np.abs(state.qd) <= STANDSTILL_RAD_S  # (J,)
+        if ended_s is not None and rested is None and np.all(slow):
+            rested = np.array(state.q)
+        in_place = slow if rested is None else slow & (np.abs(np.array(state.q) - rested) <= MOVED_RAD)
+        late = ended_s is not None and (rested is not None or state.at_s - ended_s > RESTS_WITHIN_S)
+        if late and not np.all(in_place):
+            yield MOVED_MEANWHILE(joint=int(np.argmin(in_place)) + 1)
