@@ -29,7 +29,7 @@ TEACH = 1  # the control mode in freedrive
 JOINT = struct.Struct(">dddffffB")  # position, target [rad], speed [rad/s], current, voltage, two temperatures, mode
 KEPT = 1200  # states: two minutes
 POLL_S = 0.1
-STATE_EVERY_S = 0.15  # a program is told with the time of the state before it
+STATE_EVERY_S = 0.15  # a program and a safety mode are told with the time of the state before them
 HOLE_S = 0.5  # between two states: what lies between them was not told
 WAIT_S = 2.0  # for what a network that was away brings late
 RESTS_WITHIN_S, MOVED_RAD = 0.6, 0.01  # after the end of the program; the servo of an arm at rest settles by less
@@ -116,7 +116,7 @@ class PrimaryWitness:
         times = [since_s, *(each.at_s for each in states if since_s < each.at_s < until_s), until_s]
         whole = bool(states) and states[0].at_s <= since_s + HOLE_S and states[-1].at_s >= until_s - HOLE_S
         known = whole and float(np.max(np.diff(times))) <= HOLE_S
-        found = next(against([each for each in states if each.at_s >= since_s], programs=programs), None)
+        found = next(against([each for each in states if each.at_s >= since_s - STATE_EVERY_S], programs=programs), None)
         if found is None and programs:
             names = [name for at_s, name in list(self._started) if since_s - STATE_EVERY_S <= at_s and name != OUR_NAME]
             found = PROGRAM_MEANWHILE(program=names[0]) if names else None
