@@ -172,7 +172,7 @@ def safety_page() -> str:
     head = "| software | moves | why these bounds | replayed on a simulated | the manufacturer's library, on its own | seen on an arm |"
     rows = [
         f"| {span.text} | {_moves(span)} | {_cell(span.reason)} "
-        f"| {', '.join(span.played) or '–'} | {span.library or '–'} | {_cell(span.seen) or 'nothing'} |\n"
+        f"| {', '.join(span.played) or '–'} | {span.on_their_simulator or '–'} | {_cell(span.seen) or 'nothing'} |\n"
         for span in SOFTWARE
     ]
     return _with_table((DOCS / "real-robot-safety.md").read_text("utf-8"), head, rows)

@@ -34,14 +34,9 @@ LARGEST_BODY = 4096 - HEADER.size  # bytes; the kernel writes up to PIPE_BUF = 4
 LONGEST_TEXT = 1000  # characters of a reason's text where the whole reason does not fit into one frame
 
 
-def row_frame(row: Array) -> bytes:
-    """The frame of one row (WIDTH,), as float64 in little-endian order."""
-    return _frame(ROW, np.ascontiguousarray(row, dtype="<f8").tobytes())
-
-
-def seen_frame(row: Array) -> bytes:
-    """The frame of one row (WIDTH,) that is none of the play: a sign of life with the arm as it is."""
-    return _frame(SEEN, np.ascontiguousarray(row, dtype="<f8").tobytes())
+def row_frame(row: Array, kind: int = ROW) -> bytes:
+    """The frame of one row (WIDTH,), as float64 in little-endian order. kind : SEEN: it is none of the play, but a sign of life."""
+    return _frame(kind, np.ascontiguousarray(row, dtype="<f8").tobytes())
 
 
 def message_frame(kind: str, content: dict[str, Any]) -> bytes:
@@ -247,7 +242,7 @@ class Outbox:
 
     def alive(self, row: Array | None) -> None:
         """Send a sign of life with which all is in order, with the newest row (WIDTH,), if any; leaves the process as `row`."""
-        self._write(ALIVE if row is None else seen_frame(row))
+        self._write(ALIVE if row is None else row_frame(row, SEEN))
 
     def waiting(self) -> None:
         """Send a sign of life while the controller's next row is late; leaves the process where the pipe is full or closed."""

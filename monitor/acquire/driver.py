@@ -73,7 +73,6 @@ class Witness(Protocol):
     def begin(self) -> None:
         """Connect. Without that, and where nobody answers, nothing is known."""
 
-    @property
     def ours_runs(self) -> bool:
         """Whether the program that runs now, or is paused, is known to be ours."""
 
@@ -108,18 +107,13 @@ class NodeServer(Protocol):
 OurEnd = Literal["ended", "replaced", "not_shown"]  # of our program: another has taken its place; the robot did not show that it has ended
 
 
-def nobody_says_so() -> bool:
-    """That ours runs."""
-    return False
-
-
 class OurProgram(NamedTuple):
     """What is known of the program that a session has left on the robot."""
 
     at_s: float | None  # when the program that runs was last known to be ours (monotonic [s]); None: it is not known
     state: Literal["running", "paused", "starting"] = "running"  # starting: it was being sent, and may begin to run only now
     name: str | None = None  # as the robot calls it; None: it is not known
-    runs: Callable[[], bool] = nobody_says_so  # whether what runs now is known to be ours, by a witness
+    runs: Callable[[], bool] | None = None  # of a witness: whether what runs now is known to be ours; None: there is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

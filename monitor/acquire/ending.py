@@ -40,10 +40,7 @@ def end_program(watch: Watch, driver: Driver, witness: Witness | None = None) ->
     watch.find_out(lambda: driver.playing_program(host))
     if not watch.state.may_run:
         return None
-    ours = watch.our_program
-    if witness is not None:
-        ours = ours._replace(runs=lambda: witness.ours_runs)
-    end = driver.stop_program(host, ours)
+    end = driver.stop_program(host, watch.our_program._replace(runs=None if witness is None else witness.ours_runs))
     watch.state = watch.state.after(Event.NOT_SHOWN if end == "not_shown" else Event.PROGRAM_ENDED)
     return end
 
@@ -211,8 +208,8 @@ def look_after(
     """
 
     def stop_ours() -> None:
-        if witness is not None and witness.ours_runs:
-            driver.stop_program(settings.host, OurProgram(None, runs=lambda: witness.ours_runs))
+        if witness is not None and witness.ours_runs():
+            driver.stop_program(settings.host, OurProgram(None, runs=witness.ours_runs))
 
     after, first = _look(driver, settings, clean=error.at_rest, should_stop=should_stop, stop_ours=stop_ours)
     if after.stop is not None:

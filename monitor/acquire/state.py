@@ -122,8 +122,8 @@ class Software(NamedTuple):
     tested: bool = False  # replays on it are tested
     reason: str = ""  # why, where the version is known
     expected: str = ""  # the tested versions, for a person
-    library: str = ""  # the client library that drives it, with its version
-    expected_library: str = ""  # the same with the tested version
+    client_library: str = ""  # the client library that drives it, with its version
+    expected_client_library: str = ""  # the same with the tested version
 
 
 class Identity(NamedTuple):

@@ -117,7 +117,7 @@ def test_the_release_of_the_client_library_is_named_beside_the_tested_one():
     assert pinned[1] == TESTED_LIBRARY
     identity = understood(Identity("UR5", "2016331234", "3.15.8", True))
     for installed, words in ((TESTED_LIBRARY, "as tested"), ("1.6.9", f"tested is ur-rtde {TESTED_LIBRARY}")):
-        known = identity._replace(software=identity.software._replace(library=f"ur-rtde {installed}"))
+        known = identity._replace(software=identity.software._replace(client_library=f"ur-rtde {installed}"))
         result = found("software", inputs(ready_state(), identity=known))
         assert result.holds
         assert f"driven by ur-rtde {installed}" in result.text

@@ -7,6 +7,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -93,16 +94,8 @@ def locked(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def not_permitted(path: Path) -> Iterator[Path]:
-    path.chmod(0o600)
-    let_in(path.parent)
-    with another_user():
-        yield path.parent.parent
-
-
-@contextmanager
-def readable_alone(path: Path) -> Iterator[Path]:
-    path.chmod(0o644)
+def of_another_user(path: Path, mode: int) -> Iterator[Path]:
+    path.chmod(mode)
     let_in(path.parent)
     with another_user():
         yield path.parent.parent
@@ -143,8 +136,8 @@ def no_database(path: Path) -> Iterator[Path]:
 
 CASES = [
     pytest.param(locked, "history_locked", True, id="locked"),
-    pytest.param(not_permitted, "history_not_permitted", False, id="not permitted", marks=needs_root),
-    pytest.param(readable_alone, "history_not_permitted", False, id="readable alone", marks=needs_root),
+    pytest.param(partial(of_another_user, mode=0o600), "history_not_permitted", False, id="not permitted", marks=needs_root),
+    pytest.param(partial(of_another_user, mode=0o644), "history_not_permitted", False, id="readable alone", marks=needs_root),
     pytest.param(read_only, "history_read_only", True, id="read-only", marks=needs_root),
     pytest.param(full, "history_no_space", True, id="full", marks=needs_root),
     pytest.param(in_the_way, "history_not_opened", False, id="in the way"),

@@ -82,8 +82,8 @@ def software(inputs: ConditionInputs) -> Reason:
     firmware, known = identity.firmware, identity.software
     if not known.drivable:
         raise MotionRefused(SOFTWARE_NOT_DRIVABLE(firmware=firmware, why=known.reason, expected=known.expected))
-    same = known.library == known.expected_library
-    library = LIBRARY_TESTED(library=known.library) if same else LIBRARY_UNTESTED(library=known.library, tested=known.expected_library)
+    used, tested = known.client_library, known.expected_client_library
+    library = LIBRARY_TESTED(library=used) if used == tested else LIBRARY_UNTESTED(library=used, tested=tested)
     if known.tested:
         return SOFTWARE_TESTED(firmware=firmware, tested=known.expected, library=library)
     what = f"software {firmware}" if firmware else "the software's version is not reported"

@@ -125,7 +125,7 @@ def stop_program(host: str, ours: OurProgram, within_s: float = STOP_WITHIN_S, *
                     if state == "STOPPED" and not (is_ours and ours.state == "starting"):
                         return "ended"
                     may_stop = state != "STOPPED" and (state == "PAUSED" or ours.state != "paused")
-                    if (is_ours and may_stop) or (state in {"PLAYING", "PAUSED"} and ours.runs()):
+                    if (is_ours and may_stop) or (state in {"PLAYING", "PAUSED"} and ours.runs is not None and ours.runs()):
                         ours_at_s = looked_at  # so it was, also where nobody says whether the stop was taken
                         controller.stop()
                     else:

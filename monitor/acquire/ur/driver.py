@@ -107,7 +107,7 @@ class Span(NamedTuple):
     drives: bool = True  # ur-rtde can drive it
     tested: bool = True  # replays on it are tested, as far as its wire is known
     played: tuple[str, ...] = ()  # versions of the simulator on which the tests play a replay
-    library: str = ""  # versions of the manufacturer's simulator on which it tests its own client library, as that says
+    on_their_simulator: str = ""  # versions of the manufacturer's simulator on which it tests its own client library, as that says
     seen: str = ""  # what somebody saw on an arm
 
     @property
@@ -124,7 +124,7 @@ SOFTWARE = (
         (3, 15),
         "CB3: from RTDE's protocol 2 to the generation's last version",
         played=("3.10.0", "3.15.8"),
-        library="3.14.3, 3.15.8",
+        on_their_simulator="3.14.3, 3.15.8",
         seen="a UR5 at rest, in a public recording",
     ),
     Span((5, 0), (5, 3), "ur-rtde asks a minor version of 4 or more for its registers, and crashes in its constructor", drives=False),
@@ -134,7 +134,7 @@ SOFTWARE = (
         "e-Series: from ur-rtde's registers to the newest version for which it has a script; 5.24 to 5.26 speak the wire of 5.23, "
         "with more names",
         played=("5.4.0", "5.9.0", "5.11.0", "5.23.0", "5.24.0", "5.25.1", "5.26.0"),
-        library="5.9.4, 5.12.8, 5.15.2, 5.22.2, 5.25.1",
+        on_their_simulator="5.9.4, 5.12.8, 5.15.2, 5.22.2, 5.25.1",
         seen="UR3e and UR10e in motion, in public recordings; 5.25.1 plays the manufacturer's own control script (a public report of 2026)",
     ),
     Span((10, 0), (10, 10), "PolyScope X before 10.11 has neither a dashboard nor a Robot API: no program could be stopped", drives=False),
@@ -144,14 +144,14 @@ SOFTWARE = (
         "PolyScope X 10.11 does not tell whether it is in remote control, and its Robot API is not published",
         tested=False,
         played=("10.11.0",),
-        library="10.11.0",
+        on_their_simulator="10.11.0",
     ),
     Span(
         (10, 12),
         (10, 14),
         "PolyScope X: from the Robot API that tells remote control to the newest version whose names and Robot API are published",
         played=("10.12.0", "10.12.1", "10.13.0", "10.14.0"),
-        library="10.12.0, 10.12.1, 10.13.0",
+        on_their_simulator="10.12.0, 10.12.1, 10.13.0",
         seen="a UR7e, of which version 10 is not said: ur-rtde did not control it reliably, for no known cause (a public report of 2026)",
     ),
 )
@@ -172,7 +172,9 @@ def understood(identity: Identity) -> Identity:
     """The same, with what its software tells of it."""
     number = numbers_of(identity.firmware)
     span = next((each for each in SOFTWARE if number is not None and each.first <= number[:2] <= each.last), None)
-    known = Software(expected=_tested(), library=f"ur-rtde {version('ur_rtde')}", expected_library=f"ur-rtde {TESTED_LIBRARY}")
+    known = Software(
+        expected=_tested(), client_library=f"ur-rtde {version('ur_rtde')}", expected_client_library=f"ur-rtde {TESTED_LIBRARY}"
+    )
     if span is not None:
         known = known._replace(drivable=span.drives, tested=span.drives and span.tested, reason=span.reason)
     says_later = identity.robot_api

@@ -96,7 +96,6 @@ class PrimaryWitness:
         self._link = Link.to(self._host, self._port)
         self._thread.start()
 
-    @property
     def ours_runs(self) -> bool:
         """Whether a program runs now, or is paused, and the last that was told to have started is ours."""
         states, started = list(self._states), list(self._started)

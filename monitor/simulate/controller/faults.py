@@ -372,18 +372,8 @@ EFFECTS: dict[str, Effect] = {
     effect.__name__.removeprefix("_"): effect
     for effect in (
         *(_foreign_program, _teach_button, _speed_slider, _tcp_changed, _payload_changed, _wrist_turned, _reduced, _stuck, _brake),
-        *(
-            _watchdog_dead,
-            _never_ready,
-            _clock_jump,
-            _registers_in_use,
-            _version,
-            _not_found,
-            _remote,
-            _manual_mode,
-            _digital_input,
-            _program_stop,
-        ),
+        *(_watchdog_dead, _never_ready, _clock_jump, _registers_in_use, _version, _not_found),
+        *(_remote, _manual_mode, _digital_input, _program_stop),
         *(_protective_stop, _safeguard_stop, _emergency_stop, _emergency_release, _temperatures_frozen, _temperature_glitch),
         *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear),
     )
