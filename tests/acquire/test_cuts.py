@@ -152,13 +152,14 @@ def judge(cut: Cut, controller: str) -> None:
     cut.programs_after, cut.motions_after = len(programs), len(motions)
     if programs:
         cut.wrong.append("a program began again")
-    if motions and motions[0]["began_s"] > cut.at_s + 0.02:  # a tick or two: the motion may begin while the cut is under way
-        cut.wrong.append("the arm moved again")
     stops = [each["at_s"] - cut.at_s for each in truth["stops"] if each["at_s"] >= cut.at_s]
     if stops:
         cut.stop_s = min(stops)
         if cut.stop_s > STOP_WITHIN_S:
             cut.wrong.append(f"stopped after {cut.stop_s:.3f} s")
+    # a motion that was under way when the connection was cut may still begin before the stop, or in the next tick or two
+    if any(motion["began_s"] > cut.at_s + max(0.02, cut.stop_s or 0.0) for motion in motions):
+        cut.wrong.append("the arm moved again")
     if cut.cause not in LOST and not (cut.phase == "finish" and cut.cause == DONE):
         cut.wrong.append(f"cause {cut.cause}")
 
