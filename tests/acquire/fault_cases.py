@@ -142,7 +142,7 @@ HARMLESS = (
     Case("current_noise", {"factor": 10.0}, frozenset({"torque_band"}), shows_within_s=0.3, may_succeed=True, person=True),
     _case("skip", share=0.02),
     _case("obstacle", joint=2, torque=1.0),  # less than friction varies
-    _case("never_ready"),  # targets are taken without it
+    _case("never_ready", "stalled", "timeout"),  # the next target waits for it, and so does the process that streams
     _case("watchdog_dead"),  # it was tested before the motion, and nothing asks it to act
     Case("foreign_program", {"when": "after_ours", "delay": 0.15, "seconds": 1.0}, theirs=True),
     _case("payload_changed", kg=0.0, x=0.1),  # conditions before a motion compare it, and the motion itself is the same
