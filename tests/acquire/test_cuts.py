@@ -41,7 +41,12 @@ LOST = {
     "no_control",
     "no_watchdog",
 }  # how a cut may be named: before the arm moves it may show as either of the last two
-BUSY = {"late", "stalled", "timeout"}  # causes by which other work of the machine ends a replay
+BUSY = {
+    "late",
+    "stalled",
+    "timeout",
+    "no_control",
+}  # causes by which other work of the machine ends a replay; the last: a call of ur-rtde is late
 IN_FLIGHT_S = 0.1  # a program that was sent just before the cut may begin so much later; nothing moves then
 DONE = "done"
 GOES_ON = {DONE, "parent_asked_to_stop"}  # how a replay ends whose cut connection it does not need
