@@ -126,16 +126,14 @@ def informed_documents(
     chance = all_evidence(healthy, np.arange(arms * healthy.joints), noise)[LEARNING_DAYS:].max(axis=0)
     highest, years = np.sort(chance)[::-1], arms * (days - LEARNING_DAYS) / DAYS_A_YEAR
     events = [min(round(rate * years), len(highest) - 1) for rate in per_year]
-    that_wear = np.flatnonzero(wearing.worn)  # ascending, of every arm at least one
-    of_arm = np.searchsorted(that_wear // wearing.joints, np.arange(wearing.arms))
-    rises = np.maximum.reduceat(all_evidence(wearing, that_wear, noise)[LEARNING_DAYS:], of_arm, axis=1)  # (D, A)
+    rises = largest_of_arms(all_evidence(wearing, np.flatnonzero(wearing.worn), noise)[LEARNING_DAYS:], wearing)
     return [
         {
             "wear": wear.name,
             "false_per_year": rate,
             "false_advisories": count,
             "threshold": float(highest[count]),
-            **_days(rises[:, mine], wearing.onset_day[mine], float(highest[count])),
+            **days_to_crossing(rises[:, mine], wearing.onset_day[mine], float(highest[count])),
         }
         for k, wear in enumerate(world.wear)
         for mine in [wearing.group == k]
@@ -143,8 +141,18 @@ def informed_documents(
     ]
 
 
-def _days(rises: Array, onset_day: Array, threshold: float) -> dict[str, Any]:
-    """`days_document` of the days from the onset to the first crossing, that day included; arms that crossed before are left out."""
+def largest_of_arms(each: Array, wearing: WorldFleet) -> Array:
+    """(D, A) the largest of every arm's joints that wear; each : (D, n) of these joints alone, ascending. Every arm has one."""
+    of_arm = np.searchsorted(np.flatnonzero(wearing.worn) // wearing.joints, np.arange(wearing.arms))
+    largest: Array = np.maximum.reduceat(each, of_arm, axis=1)
+    return largest
+
+
+def days_to_crossing(rises: Array, onset_day: Array, threshold: float) -> dict[str, Any]:
+    """`days_document` of the days from the onset to the first crossing, that day included; arms that crossed before are left out.
+
+    rises : (D, A) from the end of learning on. onset_day : (A,).
+    """
     over = rises > threshold
     first = np.where(over.any(axis=0), over.argmax(axis=0) + float(LEARNING_DAYS), np.inf)
     days = (first - onset_day + 1.0)[first >= onset_day]
