@@ -1,0 +1,103 @@
+"""Every mechanism that the ablation names is one of the judge: without it, the judge says something else of the same arms."""
+
+import json
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from evidence import ablation
+from evidence.ablation import CORE, HEAD, MECHANISMS, played, table, without
+from monitor.studies.rehearsal import play
+from monitor.studies.worlds.fleet import WorldFleet
+from monitor.studies.worlds.laws import (
+    RATE_10,
+    STEP_5,
+    Correlated,
+    Heat,
+    bad_days,
+    modulated,
+    payload,
+    regrease,
+    running_in,
+    sensor_silence,
+    swelling_std,
+    together,
+    yearly,
+)
+from monitor.studies.worlds.table import LOW_SPEED, WORLDS
+
+pytestmark = pytest.mark.slow
+EARLY = {"earliest_day": 30.0, "latest_day": 60.0}
+STEP, RATE = (replace(wear, path=lambda t, path=wear.path: 6.0 * path(t), joints=2, **EARLY) for wear in (STEP_5, RATE_10))
+PLAIN = replace(WORLDS["plain"], wear=(STEP, RATE))
+EVENTFUL = replace(  # as much as fits into some months
+    PLAIN,
+    noise=together(Correlated(std=(0.01, 0.04), rho=(0.0, 0.8), degrees=4.0), modulated(swelling_std(0.02, 20.0, 0.8))),
+    changes=(
+        regrease(days=(60.0, 100.0)),
+        yearly(),
+        bad_days(a_year=8.0),
+        sensor_silence(),
+        payload(mass_kg=0.05, rise=(0.004, 0.05, 0.045, 0.02, 0.01, 0.0), days=(60.0, 70.0)),  # weights do not show so little
+        payload(mass_kg=0.6, days=(110.0, 130.0)),
+    ),
+    heat=Heat(lag_min=(3.0, 20.0), started_min=(2.0, 60.0), warm_up_k=(6.0, 12.0)),
+    wear=(replace(LOW_SPEED, **EARLY), RATE),
+)
+LIVES = {  # that have what a mechanism is for, and their days
+    "eventful": (EVENTFUL, 240),
+    "frequent": (replace(PLAIN, replays_a_day=4), 75),
+    "running in": (replace(PLAIN, changes=(running_in(fall=(0.1, 0.2)),)), 150),
+}
+OTHERS = {"OF_FREQUENT": "frequent", "_rise_suspected": "running in", "falls_by_chance": "running in"}
+
+
+@pytest.fixture(scope="module")
+def lives():
+    """Of each kind of life, three arms of which two wear, and what the judge of today says of them."""
+    fleets = {name: WorldFleet(world, healthy=1, worn=1, days=days, seed=7) for name, (world, days) in LIVES.items()}
+    return {name: (fleet, list(judged(fleet))) for name, fleet in fleets.items()}
+
+
+def judged(fleet):
+    """What the judge says after each replay, and what it goes on from."""
+    for day in play.judged_days(fleet, fleet.days, ablation.SETTINGS, count_use=False):
+        state, evidence = day.result.state, day.evidence
+        filtered = state.filter_state
+        truth = fleet.log_torque_at(day.number, state.reference_temperature_c.reshape(fleet.arms, fleet.joints)).ravel()
+        said = (*evidence[1:11], evidence.counts.replays, evidence.counts.arm_replays, day.undeclared)
+        held = play.interval_holds(truth, state, ablation.SETTINGS.drift)
+        yield (*said, held, filtered.wear_std, filtered.noise_var(fleet.joints, ablation.SETTINGS.drift), filtered.replays)
+
+
+def differs(one, other):
+    return not all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_without_a_mechanism_the_judge_says_something_else(name, lives):
+    """Of wear, its ±, its noise, alerts or intervals, of the same arms; and afterwards the judge is the one of before."""
+    fleet, today = lives[OTHERS.get(name, "eventful")]
+    with without(name):
+        assert any(differs(each, then) for each, then in zip(judged(fleet), today, strict=True))
+    assert not any(differs(each, then) for each, then in zip(islice(judged(fleet), 3), today, strict=False))
+
+
+def test_every_mechanism_is_tried_in_worlds_that_exist():
+    """And in `plain`, but for those of which it has nothing."""
+    assert {world for each in MECHANISMS.values() for world in each.worlds} <= set(WORLDS)
+    assert {name for name, each in MECHANISMS.items() if CORE[0] not in each.worlds} == {"OF_FREQUENT", "blind_var", "weigh"}
+
+
+def test_the_table_has_the_price_of_each_mechanism():
+    """Without changes by likelihood ratio a step is found later or never; a mechanism that does nothing there has no price."""
+    documents = list(played(["changes", "OF_FREQUENT"], ["plain"], arms=2, worn=3, days=200, seed=3))
+    assert [each["off"] for each in documents] == [None, "changes", "OF_FREQUENT"]
+    rows = table(json.loads(json.dumps(documents))).removeprefix(HEAD).splitlines()
+    changes, frequent = ([cell.strip() for cell in row.removeprefix("|").removesuffix("|").split("|")] for row in rows)
+    assert (changes[0], frequent[0]) == ("`changes`", "`OF_FREQUENT`")
+    assert (changes[4], frequent[4]) == ("never", "× 1.00")
+    assert "plain 5 % step" in changes[-1]
+    assert frequent[-1] == ""
