@@ -16,6 +16,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -248,14 +249,18 @@ def main() -> None:
         prog="python -m tests.evidence.baselines", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     daily = [name for name, world in WORLDS.items() if world.replays_a_day == 1]
-    parser.add_argument("names", nargs="+", metavar="WORLD", help="of one replay a day, or: all")
+    parser.add_argument("names", nargs="*", metavar="WORLD", help="of one replay a day, or: all")
     parser.add_argument("--arms", type=at_least_one, default=40, help="healthy arms (default 40)")
     parser.add_argument("--worn", type=at_least_one, default=30, help="arms with each kind of wear (default 30)")
     parser.add_argument("--days", type=at_least_one, default=1095, help="of every arm's life (default 1095)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--learn-days", type=at_least_one, default=None, help="the regression is not fitted again from that day on")
     parser.add_argument("--json", action="store_true", help="one object a line")
+    parser.add_argument("--read", type=Path, help="no playing: the table of what --json printed into this file")
     arguments = parser.parse_args()
+    if arguments.read:
+        sys.stdout.write(HEAD + "".join(table_row(json.loads(line)) for line in arguments.read.read_text("utf-8").splitlines()))
+        return
     names = daily if arguments.names == ["all"] else arguments.names
     if unknown := [name for name in names if name not in daily]:
         parser.error(f"no world of one replay a day: {', '.join(unknown)}; expected of: {', '.join(daily)}, all")
