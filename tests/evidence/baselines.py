@@ -262,8 +262,9 @@ def main() -> None:
         sys.stdout.write(HEAD + "".join(table_row(json.loads(line)) for line in arguments.read.read_text("utf-8").splitlines()))
         return
     names = daily if arguments.names == ["all"] else arguments.names
-    if unknown := [name for name in names if name not in daily]:
-        parser.error(f"no world of one replay a day: {', '.join(unknown)}; expected of: {', '.join(daily)}, all")
+    unknown = [name for name in names if name not in daily]
+    if unknown or not names:
+        parser.error(f"no world of one replay a day: {', '.join(unknown) or 'none named'}; expected of: {', '.join(daily)}, all")
     size = {"arms": arguments.arms, "worn": arguments.worn, "days": arguments.days, "seed": arguments.seed}
     plain = charted(PLAIN, **size, learn_days=arguments.learn_days)
     of_plain = plain.tuned()
