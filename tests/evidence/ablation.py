@@ -36,7 +36,7 @@ from monitor.studies.worlds.verdicts import fleets_of, judge_world, world_docume
 from . import at_least_one
 
 SETTINGS = AssessSettings()  # of the judge; some mechanisms are figures of it
-CORE = ("plain", "ar-08", "student-t3", "noise-mixed", "one-over-f", "seasonal-noise")  # worlds in which nearly every mechanism is tried
+CORE = ("plain", "student-t3", "one-over-f")  # worlds in which most mechanisms are tried
 ROW = FilterState.row
 
 
@@ -113,48 +113,60 @@ MECHANISMS: dict[str, Mechanism] = {
         "outliers are left out, and three in a row are a step", {f"{FILTER}gate_outliers": _gate_nothing}, (*CORE, "bad-days")
     ),
     "run": Mechanism("outliers in a row prove a step", {f"{FILTER}stays": lambda *a: _no(len(a[3].rho))}, (*CORE, "bad-days")),
-    "stays": Mechanism("… unless they fade as a shock does", {f"{FILTER}stays": lambda *a: ~_no(len(a[3].rho))}, (*CORE, "bad-days")),
-    "outlier_run": Mechanism("what outliers in a row say together", {f"{CHANGE}outlier_run": _each_alone}, (*CORE, "bad-days")),
+    "stays": Mechanism(
+        "… unless they fade as a shock does", {f"{FILTER}stays": lambda *a: ~_no(len(a[3].rho))}, ("student-t3", "bad-days")
+    ),
+    "outlier_run": Mechanism("what outliers in a row say together", {f"{CHANGE}outlier_run": _each_alone}, ("student-t3", "bad-days")),
     "counted_sigma": Mechanism(
         "an innovation is clipped by the tails of the arm's noise", {f"{FILTER}counted_sigma": lambda n, *_: np.full(len(n), MOST_SIGMA)}
     ),
     # changes by likelihood ratio
-    "changes": Mechanism("changes are found by likelihood ratio", {f"{CHANGE}thresholds": _thresholds_without(0, 1)}),
-    "steps": Mechanism("… by that of a step", {f"{CHANGE}thresholds": _thresholds_without(0)}),
-    "rates": Mechanism("… by that of a new rate", {f"{CHANGE}thresholds": _thresholds_without(1)}),
-    "thresholds": Mechanism("thresholds fall with age", {f"{CHANGE}thresholds": _same_at_every_age}),
-    "OF_OLD_STEP": Mechanism("… more for old steps", {f"{CHANGE}OF_OLD_STEP": 0.0}),
-    "OF_NOISE": Mechanism("… still more where noise is 3 to 5 %", {f"{CHANGE}OF_NOISE": 0.0}, (*CORE, "noise-4")),
-    "OLD_REPLAYS": Mechanism("… more for old rates", {f"{CHANGE}OLD_REPLAYS": 1e9}),
+    "changes": Mechanism("changes are found by likelihood ratio", {f"{CHANGE}thresholds": _thresholds_without(0, 1)}, (*CORE, "ar-08")),
+    "steps": Mechanism("… by that of a step", {f"{CHANGE}thresholds": _thresholds_without(0)}, (*CORE, "ar-08")),
+    "rates": Mechanism("… by that of a new rate", {f"{CHANGE}thresholds": _thresholds_without(1)}, (*CORE, "ar-08")),
+    "thresholds": Mechanism("thresholds fall with age", {f"{CHANGE}thresholds": _same_at_every_age}, (*CORE, "ar-08")),
+    "OF_OLD_STEP": Mechanism("… more for old steps", {f"{CHANGE}OF_OLD_STEP": 0.0}, ("plain", "one-over-f", "noise-4")),
+    "OF_NOISE": Mechanism("… still more where noise is 3 to 5 %", {f"{CHANGE}OF_NOISE": 0.0}, ("plain", "noise-4")),
+    "OLD_REPLAYS": Mechanism("… more for old rates", {f"{CHANGE}OLD_REPLAYS": 1e9}, ("plain", "one-over-f")),
     "OF_FREQUENT": Mechanism("several replays a day need more evidence", {f"{CHANGE}OF_FREQUENT": 0.0}, ("twice-a-day-replay",)),
     "PRIOR_INFORMATION": Mechanism("the size of a change has a prior", {f"{CHANGE}PRIOR_INFORMATION": np.zeros((2, 1))}),
     "candidate_weights": Mechanism("a change is a mixture of candidates", {f"{CHANGE}candidate_weights": _likeliest_alone}),
-    "SETTLING_SHARE": Mechanism("innovations of an unknown level are no evidence", {f"{INNOVATION}SETTLING_SHARE": np.inf}),
+    "SETTLING_SHARE": Mechanism(
+        "innovations of an unknown level are no evidence", {f"{INNOVATION}SETTLING_SHARE": np.inf}, ("plain", "student-t3")
+    ),
     # noise
-    "update_noise": Mechanism("size and correlation of the noise are learnt", {f"{FILTER}update_noise": lambda state, *_: state}),
+    "update_noise": Mechanism(
+        "size and correlation of the noise are learnt", {f"{FILTER}update_noise": lambda state, *_: state}, (*CORE, "noise-mixed")
+    ),
     "autocorrelation": Mechanism(
-        "its correlation is learnt", {f"{STATE}FilterState.autocorrelation": lambda state, _, s: np.full(state.joints, s.autocorrelation)}
+        "its correlation is learnt",
+        {f"{STATE}FilterState.autocorrelation": lambda state, _, s: np.full(state.joints, s.autocorrelation)},
+        (*CORE, "ar-08"),
     ),
     "own_correlation": Mechanism("… of each joint", {f"{STATE}own_correlation": lambda _, __, shown, *___: shown}, (*CORE, "rho-mixed")),
-    "alike": Mechanism("joints of an arm have like noise", {f"{STATE}alike": lambda step_var, *_: step_var}),
-    "present": Mechanism("noise of the last weeks, of the arm", {f"{STATE}present": lambda activity, _: np.ones(len(activity))}),
+    "alike": Mechanism("joints of an arm have like noise", {f"{STATE}alike": lambda step_var, *_: step_var}, (*CORE, "noise-mixed")),
+    "present": Mechanism(
+        "noise of the last weeks, of the arm", {f"{STATE}present": lambda activity, _: np.ones(len(activity))}, (*CORE, "seasonal-noise")
+    ),
     "volatility": Mechanism(
         "… and of the joint", {f"{D}noise.volatility.Volatility.factor": lambda self, _: np.ones(len(self.usual))}, (*CORE, "noise-swells")
     ),
-    "caution": Mechanism("noise of few replays is taken for larger", _drift(caution=0.0)),
+    "caution": Mechanism("noise of few replays is taken for larger", _drift(caution=0.0), ("plain", "student-t3")),
     "learn_chance": Mechanism(
-        "what chance did at every age, by the arm's past", {f"{FILTER}learn_chance": lambda chance, *_: chance}, (*CORE, "slow-common")
+        "what chance did at every age, by the arm's past",
+        {f"{FILTER}learn_chance": lambda chance, *_: chance},
+        (*CORE, "slow-common", "weekdays"),
     ),
     "spectrum": Mechanism(
         "… with a prior of spectra", {f"{CHANCE}spectrum": lambda _, __, n: np.ones((len(n), 1, n.shape[1]))}, (*CORE, "slow-common")
     ),
     "falls_by_chance": Mechanism(
-        "… without what running-in makes", {f"{CHANCE}falls_by_chance": lambda mean, *_: mean[:, :, 0]}, (*CORE, "running-in")
+        "… without what running-in makes", {f"{CHANCE}falls_by_chance": lambda mean, *_: mean[:, :, 0]}, ("plain", "running-in")
     ),
     "forget_chance": Mechanism(
         "… forgotten after a change of level",
         {f"{FILTER}forget_chance": lambda chance, _: chance, f"{LOWEST}forget_chance": lambda chance, _: chance},
-        (*CORE, "running-in", "regrease-then-wear"),
+        ("plain", "running-in", "regrease-then-wear"),
     ),
     "of_wear": Mechanism(
         "chance widens the ± of wear", {f"{CHANCE}Chance.of_wear": lambda self: np.ones(len(self.since))}, (*CORE, "slow-common")
@@ -178,14 +190,16 @@ MECHANISMS: dict[str, Mechanism] = {
         (*CORE, "running-in", "regrease-then-wear"),
     ),
     "_rise_suspected": Mechanism(
-        "… unless a rise is suspected", {f"{LOWEST}_rise_suspected": lambda s: _no(s.joints)}, (*CORE, "running-in")
+        "… unless a rise is suspected", {f"{LOWEST}_rise_suspected": lambda s: _no(s.joints)}, ("plain", "running-in")
     ),
     "common_changes": Mechanism(
         "a change of most joints is none of one",
         {f"{CHANGE}common_changes": lambda found, *_: _no(len(found))},
         (*CORE, "slow-common", "payload-03"),
     ),
-    "_loaded": Mechanism("… nor one of shoulder and elbow", {f"{D}update.blame._loaded": lambda z, *_: _no(len(z))}, (*CORE, "payload-03")),
+    "_loaded": Mechanism(
+        "… nor one of shoulder and elbow", {f"{D}update.blame._loaded": lambda z, *_: _no(len(z))}, ("plain", "payload-03")
+    ),
     "weigh": Mechanism(
         "weights contradict the declared payload",
         {f"{PLAY}weigh": lambda weights, *_, **__: (weights, NO_UNDECLARED_CHANGE)},
@@ -203,15 +217,15 @@ MECHANISMS: dict[str, Mechanism] = {
     "not_of_one_joint": Mechanism(
         "what most joints rose by is none of one",
         {f"{EVIDENCE}not_of_one_joint": lambda wear, *_: np.zeros(len(wear))},
-        (*CORE, "slow-common"),
+        ("plain", "one-over-f", "slow-common"),
     ),
     "_common_rise": Mechanism(
         "joints that rise together are a common advisory",
         {f"{EVIDENCE}_common_rise": lambda wear, _, __, J, *___: np.zeros(len(wear) // J)},
-        (*CORE, "slow-common"),
+        ("plain", "one-over-f", "slow-common"),
     ),
     # beside F(v*), and what is published
-    "channels": Mechanism("channels beside F(v*)", {f"{STEP}update_channels": lambda *_: None}, (*CORE, "low-speed-wear", "local-wear")),
+    "channels": Mechanism("channels beside F(v*)", {f"{STEP}update_channels": lambda *_: None}, (*CORE, "low-speed-wear")),
     "undetected_change": Mechanism(
         "changes that are not found yet widen the ±",
         {f"{PLAY}undetected_change": lambda state, *_: np.zeros((2, state.joints))},
