@@ -12,10 +12,11 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 from unittest.mock import patch
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from monitor.judge.alerts.evidence import WearAfterReplay, wear_of_state
 from monitor.judge.drift.filter_state import CURVE, FilterState
 from monitor.judge.drift.noise.size import MOST_SIGMA
+from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared import NO_UNDECLARED_CHANGE
 from monitor.judge.drift.update.change_detection import candidate_weights, thresholds
@@ -30,8 +32,10 @@ from monitor.judge.drift.update.innovation import Gate
 from monitor.judge.drift.update.outlier_run import outlier_run
 from monitor.judge.settings import AssessSettings, HealthSettings
 from monitor.recording import Array
+from monitor.studies.rehearsal.fleet import Day
+from monitor.studies.worlds.fleet import WorldFleet
 from monitor.studies.worlds.table import WORLDS
-from monitor.studies.worlds.verdicts import fleets_of, judge_world, world_document
+from monitor.studies.worlds.verdicts import Verdicts, fleets_of, judge_world, world_document
 
 from . import at_least_one
 
@@ -243,16 +247,81 @@ def without(name: str) -> Iterator[None]:
         yield
 
 
+# --- Worlds are judged together: a step of many arms costs little more than one of a few ---
+
+
+class Fleets:
+    """The arms of several worlds as one fleet, as `judge_world` needs it: replays as often in each, as many days, weighed or not."""
+
+    def __init__(self, fleets: Sequence[WorldFleet]) -> None:
+        first = fleets[0]
+        self.fleets, self.days, self.joints, self.replays_a_day = fleets, first.days, first.joints, first.replays_a_day
+        self.arms = sum(each.arms for each in fleets)
+        self.world = max((each.world for each in fleets), key=lambda world: len(world.wear))  # for its kinds of wear, none with a life
+        self.group, self.onset_day, self.unit_days, self.worn = (
+            np.concatenate([getattr(each, name) for each in fleets]) for name in ("group", "onset_day", "unit_days", "worn")
+        )
+        self.undeclared = np.concatenate([each.undeclared for each in fleets], axis=1)
+
+    def morning(self, number: int) -> Day:
+        """The replays of that number of all arms."""
+        days = [each.morning(number) for each in self.fleets]
+        seen = [each.seen for each in days]
+        joined = {name: np.concatenate([getattr(each, name) for each in days]) for name in JOINED}
+        rigid = None if days[0].rigid is None else tuple(fit for each in days for fit in each.rigid or ())
+        return Day(**joined, seen=Observation(*(np.concatenate(parts) for parts in zip(*seen, strict=True))), rigid=rigid)
+
+    def log_torque_at(self, number: int, temperature_c: Array) -> Array:
+        """(A, J) as of each fleet."""
+        parts = np.split(temperature_c, np.cumsum([each.arms for each in self.fleets])[:-1])
+        return np.concatenate([each.log_torque_at(number, part) for each, part in zip(self.fleets, parts, strict=True)])
+
+
+JOINED = ("replayed", "slot", "opened", "truth", "worn", "revolutions", "used_days")  # fields of a day
+
+
+def judged_together(fleets: Sequence[WorldFleet]) -> list[Verdicts]:
+    """The verdicts of each fleet."""
+    together, J, first = judge_world(cast(WorldFleet, Fleets(fleets)), SETTINGS), fleets[0].joints, 0
+    result = []
+    for fleet in fleets:
+        arms = slice(first, first + fleet.arms)
+        joints = slice(arms.start * J, arms.stop * J)
+        of_arms = {name: getattr(together, name)[arms] for name in ("found_day", "before", "wrong")}
+        episodes = {name: _some(getattr(together, name), joints, ("first", "count")) for name in ("rising", "falling")}
+        episodes |= {name: _some(getattr(together, name), arms, ("first", "count")) for name in ("common", "payload", "no_payload")}
+        coverage = _some(together.coverage, arms, ("held", "of"))
+        result.append(replace(together, fleet=fleet, coverage=coverage, **of_arms, **episodes))
+        first = arms.stop
+    return result
+
+
+def _some(whole: Any, which: slice, names: Sequence[str]) -> Any:
+    """A part of episodes, or of a coverage: these arrays of it."""
+    part = copy(whole)
+    for name in names:
+        setattr(part, name, getattr(whole, name)[which])
+    return part
+
+
 def played(names: Sequence[str], worlds: Sequence[str] | None, *, arms: int, worn: int, days: int, seed: int) -> Iterator[dict[str, Any]]:
     """`world_document` of each world, with `off` the mechanism that is off, None first. worlds : None: those of each mechanism."""
     asked = {name: MECHANISMS[name].worlds if worlds is None else worlds for name in names}
-    for world in dict.fromkeys(world for each in asked.values() for world in each):
-        healthy, wearing = fleets_of(WORLDS[world], arms=arms, days=days, seed=seed, worn=worn)
-        yield {"off": None, **world_document(judge_world(healthy, SETTINGS), judge_world(wearing, SETTINGS))}
-        for name in (name for name, each in asked.items() if world in each):
-            with without(name):
-                verdicts = judge_world(healthy, SETTINGS), judge_world(wearing, SETTINGS)
-            yield {"off": name, **world_document(*verdicts)}
+    pairs = {
+        world: fleets_of(WORLDS[world], arms=arms, days=days, seed=seed, worn=worn)
+        for world in dict.fromkeys(world for each in asked.values() for world in each)
+    }
+    for name, tried in ((None, list(pairs)), *asked.items()):
+        alike: dict[Any, list[str]] = {}
+        for world in tried:
+            alike.setdefault(tuple((each.replays_a_day, each.days, each.morning(0).rigid is None) for each in pairs[world]), []).append(
+                world
+            )
+        for some in alike.values():
+            with nullcontext() if name is None else without(name):
+                healthy, worn_ones = (judged_together([pairs[world][side] for world in some]) for side in (0, 1))
+            for one, other in zip(healthy, worn_ones, strict=True):
+                yield {"off": name, **world_document(one, other)}
 
 
 # --- The table: a row for each mechanism, over its worlds ---
