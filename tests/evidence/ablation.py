@@ -340,7 +340,9 @@ def table(documents: Iterable[dict[str, Any]]) -> str:
             today[document["world"]] = document
         else:
             others.setdefault(document["off"], []).append(document)
-    return HEAD + "".join(_row(name, [today[each["world"]] for each in off], off) for name, off in others.items())
+    return HEAD + "".join(
+        _row(name, [today[each["world"]] for each in others[name]], others[name]) for name in MECHANISMS if name in others
+    )
 
 
 def _row(name: str, today: list[dict[str, Any]], off: list[dict[str, Any]]) -> str:
@@ -407,7 +409,7 @@ def _most(today: list[dict[str, Any]], off: list[dict[str, Any]]) -> str:
         for after in [_medians(other)[wear]]
     ]
     size, world, wear, before, after = max(changed, default=(0.0, "", "", 0.0, 0.0))
-    if size > 0.0:
+    if size > 0.0 and _days(before) != _days(after):
         texts.append(f"{world} {wear} {_days(before)} → {_days(after)} d")
     return "; ".join(texts)
 
