@@ -1,6 +1,7 @@
 """Every mechanism that the ablation names is one of the judge: without it, the judge says something else of the same arms."""
 
 import json
+import pkgutil
 from dataclasses import replace
 from functools import cache
 from itertools import islice
@@ -31,7 +32,6 @@ from monitor.studies.worlds.laws import (
 )
 from monitor.studies.worlds.table import LOW_SPEED, WORLDS
 
-pytestmark = pytest.mark.slow
 EARLY = {"earliest_day": 30.0, "latest_day": 60.0}
 STEP, RATE = (replace(wear, path=lambda t, path=wear.path: 6.0 * path(t), joints=2, **EARLY) for wear in (STEP_5, RATE_10))
 PLAIN = replace(WORLDS["plain"], wear=(STEP, RATE))
@@ -103,6 +103,7 @@ def differs(one, other):
     return not all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.soak  # two minutes together
 @pytest.mark.parametrize("name", [name for name in MECHANISMS if name != SELDOM])
 def test_without_a_mechanism_the_judge_says_something_else(name):
     """Of wear, its ±, its noise, alerts or intervals, of the same arms; and afterwards the judge is the one of before."""
@@ -126,6 +127,15 @@ def test_without_a_suspicion_wear_counts_from_a_fall_at_once():
         assert np.allclose(count_from_lowest(fallen, day, drift).wear, 0.0)
 
 
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_every_mechanism_has_its_name_in_the_judge(name):
+    """`patch` refuses a function or constant that does not exist; afterwards each is the one of before."""
+    modules = {target: pkgutil.resolve_name(target) for target in MECHANISMS[name].off}
+    with without(name):
+        assert all(pkgutil.resolve_name(target) is not before for target, before in modules.items())
+    assert all(pkgutil.resolve_name(target) is before for target, before in modules.items())
+
+
 def test_every_mechanism_is_tried_in_worlds_that_exist():
     """And together in those of every kind: noise, seasons, falls, payloads, heat, sensors."""
     tried = {world for each in MECHANISMS.values() for world in each.worlds}
@@ -133,6 +143,7 @@ def test_every_mechanism_is_tried_in_worlds_that_exist():
     assert tried >= {*CORE, "ar-08", "slow-common", "running-in", "regrease-then-wear", "payload-03", "summer-24", "sensor-silent"}
 
 
+@pytest.mark.slow
 def test_the_table_has_the_price_of_each_mechanism():
     """Without changes by likelihood ratio a step is found later or never; a mechanism that does nothing there has no price."""
     documents = list(played(["changes", "OF_FREQUENT"], ["plain"], arms=3, worn=2, days=150, seed=3))
