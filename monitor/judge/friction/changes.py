@@ -1,0 +1,150 @@
+"""Changes: wear that jumps, or begins to grow, at any replay; their size is integrated out.
+
+A candidate c is a replay and a sort: a small or a large step of wear, or a new rate, each N(0, V). The filter of a kind of noise assumes
+that nothing changes. B_c = ∂(truth − estimate)/∂size follows the filter's own recursion, so with g = H·B_c, innovations e of variance S:
+
+    r = Σ w·g·e/S,   I = Σ g²/S,   W = Σ w·g²/S,
+    LR_c = (1 + V·I)^−½·(1 + r²/(I + 1/V)/ν)^((ν+1)/2),   size | c ~ N(r·v, v),   v = 1/(W + 1/V)
+
+w is Huber's weight of an innovation, 1 where it is no outlier: outliers prove little, and leave the size open. ν is the number of replays
+that σ is known from; LR → exp(½r²/(I + 1/V))/√(1 + V·I). This is the likelihood ratio of Willsky and Jones (1976) with the
+maximum over the size replaced by its mean over the prior. `bank` candidates are kept; the others are merged with an older neighbour.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from monitor.judge.friction.states import RATE, WEAR
+from monitor.recording import Array
+
+STEP, NEW_RATE = range(2)
+SHAPES = [STEP, STEP, NEW_RATE]  # of the sorts
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangePriors:
+    """How large changes are, and how many candidates are kept."""
+
+    steps_std: tuple[float, float] = (0.04, 0.15)  # [log] small ones and large ones …
+    rate_std: float = 0.30 / 365.0  # [log/day]
+    shares: tuple[float, float, float] = (0.4, 0.1, 0.5)  # of the sorts
+    a_year: float = 1.0  # of a joint
+    bank: int = 16
+
+    @property
+    def variances(self) -> Array:
+        """(3, 1) V of the sorts."""
+        return np.array([[self.steps_std[0] ** 2], [self.steps_std[1] ** 2], [self.rate_std**2]], np.float32)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Bank:
+    """Candidates, by kind of noise H, place C, sort of change 2 and channel N. float32: their evidence needs no more."""
+
+    B: Array  # (H, D, C, 2, N)
+    r: Array  # (H, C, 2, N)
+    I: Array  # (H, C, 2, N)  # noqa: E741
+    W: Array  # (H, C, 2, N) Σ w·g²/S
+    days: Array  # (C, N) on which each may have begun
+    born: np.ndarray  # (C,) number of the replay; −1: an empty place
+    born_use: Array  # (C, N) usual days since the channel began
+
+    @classmethod
+    def empty(cls, kinds: int, channels: int, states: int, priors: ChangePriors) -> "Bank":
+        """No candidates."""
+        H, C, N = kinds, priors.bank, channels
+        return cls(
+            B=np.zeros((H, states, C, 2, N), np.float32),
+            r=np.zeros((H, C, 2, N), np.float32),
+            I=np.zeros((H, C, 2, N), np.float32),
+            W=np.zeros((H, C, 2, N), np.float32),
+            days=np.zeros((C, N)),
+            born=np.full(C, -1),
+            born_use=np.zeros((C, N)),
+        )
+
+    def forget(self, n: np.ndarray) -> None:
+        """No candidate of the channels n (N,)."""
+        self.days[:, n] = self.r[..., n] = self.I[..., n] = self.W[..., n] = self.B[..., n] = 0.0
+
+    def add(self, number: int, days: Array, use: Array) -> None:
+        """A candidate that begins with the replay of that number. days : (N,) since the replay before; use : (N,) usual days so far."""
+        i = self._place(number)
+        self.born[i], self.days[i], self.born_use[i] = number, days, use
+        self.r[:, i] = self.I[:, i] = self.W[:, i] = self.B[:, :, i] = 0.0
+        self.B[:, WEAR, i, STEP] = self.B[:, RATE, i, NEW_RATE] = 1.0
+
+    def _place(self, number: int) -> int:
+        """A free place, or that of the candidate that is least missed between its neighbours; its days go to the older one."""
+        free = np.flatnonzero(self.born < 0)
+        if free.size:
+            return int(free[0])
+        order = np.argsort(self.born)
+        born = self.born[order]
+        lost = (born[2:] - born[:-2]) / (number - born[1:-1] + 1.0)
+        i = int(np.argmin(lost)) + 1
+        self.days[order[i - 1]] += self.days[order[i]]
+        return int(order[i])
+
+    def learn(self, H: Array, K: Array, e: Array, S: Array, w: Array, seen: np.ndarray) -> None:
+        """The replay of row H (D, N), of the channels `seen` (N,): gain K (H, D, N), innovation e, its variance S and weight w, (H, N)."""
+        states = np.flatnonzero(H.any(axis=1))
+        row, gain, white, inverse, weight = (
+            each.astype(np.float32) for each in (H * seen, K * (w * seen)[:, None], w * e / S * seen, 1.0 / S, w / S)
+        )
+        for h, B in enumerate(self.B):  # kind by kind: what is at hand fits a processor's cache
+            g = row[states[0]] * B[states[0]]
+            for i in states[1:]:
+                g += row[i] * B[i]
+            self.r[h] += g * white[h]
+            square = g * g
+            self.I[h] += square * inverse[h]
+            self.W[h] += square * weight[h]
+            for i in range(len(B)):
+                B[i] -= g * gain[h, i]
+
+    def evidence(self, replays: Array, priors: ChangePriors) -> Array:
+        """(H, C, 3, N) log of days·LR of each candidate, by sort. replays : (N,) ν."""
+        V, r = priors.variances, self.r[:, :, SHAPES]
+        precision = self.I[:, :, SHAPES] + 1.0 / V
+        nu = np.maximum(replays, 1.0).astype(np.float32)
+        evidence = 0.5 * (nu + 1.0) * np.log1p(r**2 / (precision * nu)) - 0.5 * np.log(V * precision)
+        days = np.log(np.maximum(self.days, 1e-30))[:, None] + np.log(np.array(priors.shares))[:, None]
+        together: Array = evidence + days.astype(np.float32)
+        return together
+
+    def sizes(self, priors: ChangePriors) -> tuple[Array, Array]:
+        """Mean and variance of each candidate's size, (H, C, 3, N) each."""
+        v = 1.0 / (self.W[:, :, SHAPES] + 1.0 / priors.variances)
+        return self.r[:, :, SHAPES] * v, v
+
+    def effect_now(self, use: Array) -> Array:
+        """(C, 3, N) wear by now of a unit change. use : (N,) usual days so far."""
+        lasted = np.maximum(use - self.born_use, 1e-3)
+        return np.stack([np.ones_like(lasted), np.ones_like(lasted), lasted], axis=1)
+
+    def of(self, n: np.ndarray) -> "Bank":
+        """The candidates of the channels n."""
+        each = self.B[..., n], self.r[..., n], self.I[..., n], self.W[..., n], self.days[:, n], self.born, self.born_use[:, n]
+        return Bank(**dict(zip(("B", "r", "I", "W", "days", "born", "born_use"), each, strict=True)))
+
+
+def absorb(x: Array, P: Array, log_evidence: Array, bank: Bank, n: np.ndarray, replays: Array, priors: ChangePriors) -> None:
+    """The change that channels n (numbers) have had becomes part of each kind's filter, in place; its date and sort stay unsure.
+
+    The mixture over "nothing changed" and the candidates is collapsed to its moments, the evidence of each kind becomes its sum, and the
+    bank begins anew. A kind of noise that sees no change keeps what it believes.
+    """
+    few = bank.of(n)
+    size, v = (a.astype(float) for a in few.sizes(priors))
+    lr = few.evidence(replays[n], priors).astype(float)
+    odds = priors.a_year / 365.0 * np.exp(np.minimum(lr, 80.0))
+    total = 1.0 + odds.sum(axis=(1, 2))
+    log_evidence[:, n] += np.log(total)
+    w = odds / total[:, None, None]
+    B = few.B[:, :, :, SHAPES].astype(float)
+    mean = np.einsum("hckn,hdckn->hdn", w * size, B)
+    P[..., n] += np.einsum("hckn,hickn,hjckn->hijn", w * (v + size**2), B, B) - mean[:, :, None] * mean[:, None]
+    x[..., n] += mean
+    bank.forget(n)

@@ -1,0 +1,89 @@
+"""What is told: one threshold, that follows from the false alarms a year that are wanted.
+
+Shiryaev–Roberts: R± = Σ_h p_h Σ_c days_c·LR_hc·P(± effect of c now > least). While nothing changes E[R] is at most the days passed,
+so a rise is found at R₊ ≥ A = 365·channels/((1 − falls)·α), and by chance at most once in A days; α false alarms an arm and year, over all
+channels (Pollak, 1985). The bound is loose: R overshoots. What was found is wear from then on, and told while it is likely above `least`.
+
+The mean of the arm's joints is one channel more. A change of it is common where most joints have a good part of it, and that of one joint
+where this one accounts for it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from monitor.judge.friction.changes import Bank, ChangePriors
+from monitor.recording import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecisionSettings:
+    """The operating point."""
+
+    false_alarms_per_year: float = 0.25  # α of an arm, by the bound; healthy arms have a third of it
+    falls: float = 0.1  # share of them that may be falls
+    least: float = 0.01  # [log] smaller rises are not told …
+    cleared: float = 0.6  # … and one that was told is, until it is likely below this share of that
+    most: float = 2.0 / 3.0  # share of the joints that a common change is of
+    learning_replays: int = 10  # before so many nothing is told
+
+    def limits(self, joints_per_arm: int) -> Array:
+        """(2,) A of rises and of falls [days]."""
+        share = np.array([1.0 - self.falls, self.falls])
+        limits: Array = 365.0 * (joints_per_arm + 1) / (self.false_alarms_per_year * share)
+        return limits
+
+
+class Crossing(NamedTuple):
+    """Whose change was found with this replay."""
+
+    rises: np.ndarray  # (N,) joints of their own; the channels of the mean are False
+    falls: np.ndarray  # (N,)
+    common: np.ndarray  # (2, A) rises and falls of the arm's joints together
+
+
+class Odds(NamedTuple):
+    """For a change against none."""
+
+    R: Array  # (2, N) of a rise and of a fall [days]
+    change: Array  # (N,) what it comes to by now, if there is one [log]; 0 where R is far from any limit
+    unchanged: Array  # (H, N) probability that nothing changed, by kind of noise
+
+
+def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, priors: ChangePriors, settings: DecisionSettings) -> Odds:
+    """R and the change by now. p : (H, N) of the kinds of noise; replays : (N,) ν; use : (N,) usual days so far."""
+    J = joints_per_arm
+    weight = np.exp(np.minimum(bank.evidence(replays, priors), 80.0))
+    unchanged = 1.0 / (1.0 + priors.a_year / 365.0 * weight.sum(axis=(1, 2)))
+    weight *= p[:, None, None].astype(np.float32)
+    most = weight.sum(axis=(0, 1, 2), dtype=float)
+    R, change = np.stack([most, most]) / 2.0, np.zeros(len(most))
+    near = (most.reshape(-1, J + 1) >= settings.limits(J).min()).any(axis=1)  # elsewhere the integral below is not worth its time
+    n = np.flatnonzero(np.repeat(near, J + 1))
+    if n.size:
+        few, w = bank.of(n), weight[..., n]
+        by_now = few.effect_now(use[n])
+        size, v = few.sizes(priors)
+        effect, std = size * by_now, np.sqrt(v) * by_now
+        for sign, k in ((1.0, 0), (-1.0, 1)):
+            R[k, n] = (w * scipy.special.ndtr((sign * effect - settings.least) / std)).sum(axis=(0, 1, 2))
+        change[n] = (w * effect).sum(axis=(0, 1, 2)) / most[n]
+    return Odds(R, change, unchanged)
+
+
+def crossings(odds: Odds, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings) -> Crossing:
+    """Whose change it is. learnt : (N,) channels that are no longer new; counted : (A, J) joints that the mean is of."""
+    J = joints_per_arm
+    crossed = ((settings.limits(J)[:, None] <= odds.R) & learnt).reshape(2, -1, J + 1)
+    R, change, of = odds.R.reshape(2, -1, J + 1), odds.change.reshape(-1, J + 1), counted.sum(axis=1)
+    part = change[:, :J] * np.sign(change[:, J:]) * counted
+    half = 0.5 * np.abs(change[:, J:])  # of the mean's change
+    shared = ((part >= half).sum(axis=1) >= settings.most * of) & (of > 2)
+    one = half <= part / np.maximum(of, 1)[:, None]  # this joint accounts for the mean's change
+    common = crossed[..., J] & (R[..., J] >= R[..., :J].max(axis=2)) & shared
+    own = crossed[..., :J] & (~shared[:, None] | (R[..., :J] > R[..., J:])) | crossed[..., J:] & one & ~shared[:, None] & (of > 2)[:, None]
+    own &= ~common.any(axis=0)[:, None]
+    joints = np.concatenate([own, np.zeros_like(crossed[..., J:])], axis=2).reshape(2, -1)
+    return Crossing(joints[0], joints[1], common)
