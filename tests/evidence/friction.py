@@ -16,7 +16,7 @@ from monitor.judge.friction.step import FrictionModel, FrictionState, initial_st
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 from monitor.studies.figures import DAYS_A_YEAR
-from monitor.studies.rehearsal.play import LEARNING_DAYS, Episodes, _Weighed
+from monitor.studies.rehearsal.play import LEARNING_DAYS, Episodes, Weighed
 from monitor.studies.worlds.fleet import World, WorldFleet
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import CONTRADICTIONS, days_document, fleets_of
@@ -41,8 +41,8 @@ def judge(fleet: WorldFleet, model: FrictionModel, assess: AssessSettings) -> Fo
     A, J, started = fleet.arms, fleet.joints, time.process_time()
     told = {name: Episodes(A * J if name in {"rising", "falling"} else A) for name in ("rising", "falling", "common", "payload")}
     found, before, previously = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
-    last, contradicted, weighed = np.zeros(A), np.zeros(A), _Weighed(A)
-    several = bool(fleet._slot.any()) or fleet._weights is not None
+    last, contradicted, weighed = np.zeros(A), np.zeros(A), Weighed(A)
+    several = bool(fleet.undeclared.any())
     many, held = fleet.worn.sum(axis=1) >= 3, np.zeros((2, 2))
     state: FrictionState | None = None
     for number in range(fleet.days * fleet.replays_a_day):

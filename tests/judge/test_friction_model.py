@@ -72,7 +72,9 @@ def test_the_evidence_of_a_change_is_that_of_the_whole_series_with_and_without_i
     temperature = 30.0 + rng.normal(size=(D, J))
     state = lived(y, model, temperature_c=temperature)
     lr = state.bank.evidence(np.full(len(state.replays), 1e9), model.changes)
-    lr -= (np.log(state.bank.days)[:, None] + np.log(model.changes.shares)[:, None]).astype(np.float32)  # what is left is LR alone
+    lr -= (np.log(np.maximum(state.bank.days, 1e-30))[:, None] + np.log(model.changes.shares)[:, None]).astype(
+        np.float32
+    )  # what is left is LR alone
     first, at = initial_state(seen(y[0], temperature_c=temperature[0]), J, model), 2
     t = viscous_distance(temperature[:, at], first.origin_c[at])
     H = np.array([row(t[d : d + 1], np.zeros(1), np.full(1, float(d)), np.zeros(1, int), 1, model.states)[:, 0] for d in range(D)])
@@ -261,3 +263,27 @@ def test_noise_that_wanders_in_every_joint_is_believed_and_in_one_joint_it_is_no
     all_wander, one = lived(white + wandering, model), lived(white + wandering * (np.arange(J) == 0), model)
     assert all_wander.p[slow][:, :J].sum(axis=0).min() > 0.8
     assert one.p[slow][:, 1:J].sum(axis=0).max() < 0.2
+
+
+@pytest.mark.parametrize("joints", [1, 2, 7])
+def test_whatever_a_replay_holds_the_state_stays_finite(joints):
+    """Unresolved joints, temperatures unknown or absurd, variances of nothing, pauses of any length, gross outliers, contexts in turn."""
+    rng, model = np.random.default_rng(16), FrictionModel()
+    A, N = 2, 2 * joints
+    state = None
+    for replay in range(150):
+        y = 0.02 * rng.normal(size=N) + np.where(rng.random(N) < 0.05, rng.choice([-3.0, np.nan, 3.0], N), 0.0)
+        observation = seen(y, temperature_c=rng.choice([-10.0, 30.0, 31.0, 90.0, np.nan], N), warming=rng.choice([0.0, 1.0, np.nan], N))
+        observation = observation._replace(
+            variance=rng.choice([0.0, 1e-12, 1e-5, np.nan], N), viscous_share=rng.choice([0.0, 0.5, np.nan], N)
+        )
+        state = state or initial_state(observation, joints, model, levels=3)
+        replaced = rng.random(N) < 0.005
+        contexts = {"slot": rng.integers(0, 3, A), "opened": np.full(A, replay < 3), "replayed": rng.random(A) < 0.9}
+        state = step(state, observation, rng.choice([0.0, 1e-4, 1.0, 200.0], A), model, replaced=replaced, in_place=True, **contexts)
+    assert np.isfinite(state.x).all()
+    assert (np.einsum("hiin->hin", state.P) > -1e-9).all()
+    assert state.p.sum(axis=0) == pytest.approx(np.ones(A * (joints + 1)))
+    mean, var = state.friction(state.reference_c, model).moments()
+    assert np.isfinite(mean).all()
+    assert (var[state.joints] > 0.0).all()

@@ -34,6 +34,7 @@ from monitor.judge.friction.states import (
 from monitor.recording import Array
 
 UNKNOWN_C = 25.0  # origin where no temperature was ever measured
+LEAST_VARIANCE = 1e-8  # [log²] no fit is surer than 0.01 %
 SETTLE_REPLAYS = 20  # of which the reference temperature is the mean
 
 
@@ -334,7 +335,7 @@ def _learn(state: FrictionState, seen: Seen, model: FrictionModel) -> None:
     state.known[new, state.slot[new]] = True
     H = row(seen.t, seen.warming, state.age_days, state.slot, levels, model.states)
     lag = H[LAG] * (state.p * x[:, LAG]).sum(axis=0)
-    var = seen.variance + (model.states.uneven * lag) ** 2
+    var = np.maximum(seen.variance, LEAST_VARIANCE) + (model.states.uneven * lag) ** 2
     Ph = np.einsum("hijn,jn->hin", P, H)
     S = np.einsum("hin,in->hn", Ph, H) + var
     noise = P[:, NOISE, NOISE].copy()
@@ -382,7 +383,9 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
         new_level(state, together, model.changes.steps_std[1] ** 2)
         arms = (told.rises | told.falls).reshape(-1, J + 1).any(axis=1)  # the mean is of other joints, or of another level, from now on
         new_level(state, mean[arms], model.changes.steps_std[1] ** 2)
-    state.risen = _told(state, model.decision)
+    before, state.risen = state.risen, _told(state, model.decision)
+    back = (before & ~state.risen & state.joints).reshape(-1, J + 1).any(axis=1)  # the mean is of these joints again
+    new_level(state, mean[back], model.changes.steps_std[1] ** 2)
     return state
 
 

@@ -148,7 +148,7 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
     """A fleet's days, judged by the daemon's own functions in turn. count_use : whether revolutions are counted."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
-    counts, last, weighed = nothing_counted(A * J, A), np.zeros(A), _Weighed(A)
+    counts, last, weighed = nothing_counted(A * J, A), np.zeros(A), Weighed(A)
     for number in range(days * fleet.replays_a_day):
         day, now = number / fleet.replays_a_day, fleet.morning(number)
         if state is None:
@@ -183,7 +183,7 @@ class _WeighedDay(NamedTuple):
     same_mass: np.ndarray  # whether they exclude a mass that friction shows
 
 
-class _Weighed:
+class Weighed:
     """The weights of each arm, compared and learnt as `learn` does it: an undeclared level is kept in the slots after the declared ones."""
 
     def __init__(self, arms: int) -> None:
