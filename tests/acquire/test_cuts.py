@@ -154,7 +154,7 @@ def judge(cut: Cut, controller: str) -> None:
         return
     programs = [run for run in truth["programs"] if run["began_s"] > cut.at_s + IN_FLIGHT_S]
     motions = [motion for motion in truth["motions"] if motion["began_s"] > cut.at_s]
-    cut.programs_after, cut.motions_after = len(programs), len(motions)
+    cut.programs_after = len(programs)
     if programs:
         cut.wrong.append("a program began again")
     stops = [each["at_s"] - cut.at_s for each in truth["stops"] if each["at_s"] >= cut.at_s]
@@ -163,7 +163,8 @@ def judge(cut: Cut, controller: str) -> None:
         if cut.stop_s > STOP_WITHIN_S:
             cut.wrong.append(f"stopped after {cut.stop_s:.3f} s")
     # a motion that was under way when the connection was cut may still begin before the stop, or in the next tick or two
-    if any(motion["began_s"] > cut.at_s + max(0.02, cut.stop_s or 0.0) for motion in motions):
+    cut.motions_after = sum(motion["began_s"] > cut.at_s + max(0.02, cut.stop_s or 0.0) for motion in motions)
+    if cut.motions_after:
         cut.wrong.append("the arm moved again")
     if cut.cause not in LOST and not (cut.phase == "finish" and cut.cause == DONE):
         cut.wrong.append(f"cause {cut.cause}")
