@@ -41,12 +41,7 @@ LOST = {
     "no_control",
     "no_watchdog",
 }  # how a cut may be named: before the arm moves it may show as either of the last two
-BUSY = {
-    "late",
-    "stalled",
-    "timeout",
-    "no_control",
-}  # causes by which other work of the machine ends a replay; the last: a call of ur-rtde is late
+BUSY = {"late", "stalled", "timeout"}  # causes by which other work of the machine ends a replay
 IN_FLIGHT_S = 0.1  # a program that was sent just before the cut may begin so much later; nothing moves then
 DONE = "done"
 GOES_ON = {DONE, "parent_asked_to_stop"}  # how a replay ends whose cut connection it does not need
@@ -67,6 +62,7 @@ class Cut:
     at_s: float | None = None  # … and at the cut
     hit: int = 0  # connections that were there to be cut
     cause: str = ""
+    text: str = ""  # what the end of the replay said
     stop_s: float | None = None  # from the cut to the stop in force
     left_over: bool = False  # a control program without targets
     programs_after: int = 0
@@ -76,7 +72,9 @@ class Cut:
     def __str__(self) -> str:
         stop = "" if self.stop_s is None else f" stop {self.stop_s:.3f} s"
         kind = "RST" if self.reset else "FIN"
-        return f"{self.connection} {kind} {self.after_s:.2f} s into {self.phase}: {self.cause}, {self.hit} cut{stop} {self.wrong}"
+        return (
+            f"{self.connection} {kind} {self.after_s:.2f} s into {self.phase}: {self.cause}, {self.hit} cut{stop} {self.wrong} {self.text}"
+        )
 
 
 def threads_that_may_connect() -> list[str]:
@@ -114,7 +112,7 @@ def run_cut(cut: Cut, host: str, controller: str, proxy: CuttingProxy) -> Cut:
         replay(QUICK, UR5, settings, context=Context(payload_kg=0.0), caller=Caller(on_progress=on_progress, should_stop=stop.is_set))
         cut.cause = DONE
     except ReplayAborted as error:
-        cut.cause = error.cause
+        cut.cause, cut.text = error.cause, str(error)
     except (MotionRefused, RobotUnreachable) as error:
         cut.cause = type(error).__name__
     if timer:
