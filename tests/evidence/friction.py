@@ -21,8 +21,11 @@ from monitor.studies.worlds.fleet import World, WorldFleet
 from monitor.studies.worlds.table import WORLDS
 from monitor.studies.worlds.verdicts import CONTRADICTIONS, days_document, fleets_of
 
+from . import at_least_one
+from .baselines import days_cell
+
 COVERAGE_EVERY = 7  # replays
-HEAD = "| world | false a robot-year | first wear: days | second wear: days | 90 % of F: healthy, not yet found |\n|---|---|---|---|---|"
+HEAD = "| world | false a robot-year | days | 90 % of F: healthy, not yet found |\n|---|---|---|---|"
 
 
 class Found(NamedTuple):
@@ -111,24 +114,17 @@ def _share(held: Array) -> float | None:
 
 def row(of: dict[str, Any]) -> str:
     """The figures of a world as a row of a table."""
-    days = [f"{_days(each['median_days'])} ({_days(each['p90_days'])})" for each in of["detection"][:2]] + ["–"] * (
-        2 - len(of["detection"])
-    )
     shares = ", ".join("–" if share is None else f"{100 * share:.0f} %" for share in of["interval_90"].values())
-    return f"| {of['world']} | {of['false_per_year']:.3f} | {' | '.join(days)} | {shares} |"
-
-
-def _days(days: float | None) -> str:
-    return "–" if days is None else f"{days:.0f}"
+    return f"| {of['world']} | {of['false_per_year']:.3f} | {days_cell(of['detection'])} | {shares} |"
 
 
 def main() -> None:
     """Play the worlds that the command line names."""
     parser = argparse.ArgumentParser(prog="python -m tests.evidence.friction", description=__doc__.split("\n\n")[0] if __doc__ else None)
     parser.add_argument("names", nargs="+", metavar="WORLD", choices=[*WORLDS, "all"], help="worlds, or: all")
-    parser.add_argument("--arms", type=int, default=40, help="healthy ones")
-    parser.add_argument("--worn", type=int, default=20, help="arms with each kind of wear")
-    parser.add_argument("--days", type=int, default=1095, help="of every healthy arm")
+    parser.add_argument("--arms", type=at_least_one, default=40, help="healthy ones")
+    parser.add_argument("--worn", type=at_least_one, default=20, help="arms with each kind of wear")
+    parser.add_argument("--days", type=at_least_one, default=1095, help="of every healthy arm")
     parser.add_argument("--seed", type=int, default=1, help="1 to 99 were for development")
     parser.add_argument("--json", action="store_true", help="a JSON object a line")
     options = parser.parse_args()

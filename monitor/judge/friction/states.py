@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from monitor.judge.drift.filter_state import saturating
 from monitor.recording import Array
 
 # w [log], ẇ [log/usual day], β [1/K], γ [1/K²], λ [1/(K/min)], ζ [log], o [log], u and its quadrature [log]; then a level a context [log]
@@ -49,12 +50,6 @@ def viscous_distance(temperature_c: Array, origin_c: Array) -> Array:
     away = temperature_c - origin_c
     distance: Array = away / (1.0 + away / (origin_c + VOGEL_C))
     return distance
-
-
-def saturating(warming_k_per_min: Array, fast_k_per_min: float = 0.1) -> Array:
-    """h(Ṫ) [K/min]: the grease lags by nothing when motion begins, when Ṫ is largest, by most some time later, by nothing at last."""
-    slowed: Array = warming_k_per_min / (1.0 + np.abs(warming_k_per_min) / fast_k_per_min)
-    return slowed
 
 
 def prior_of_states(level: Array, share: Array, levels: int, priors: Priors) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from monitor.judge.drift.filter_state import saturating
 from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.friction.changes import Bank, ChangePriors, absorb
 from monitor.judge.friction.decision import Crossing, DecisionSettings, crossings, odds
@@ -28,7 +29,6 @@ from monitor.judge.friction.states import (
     grow,
     prior_of_states,
     row,
-    saturating,
     viscous_distance,
 )
 from monitor.recording import Array
@@ -59,8 +59,7 @@ class FrictionState:
     bank: Bank
     scale: Array  # (H, N) σ²
     log_evidence: Array  # (H, N) log E
-    prior: Array  # (H, N)
-    p: Array  # (H, N)
+    p: Array  # (H, N) probability of each kind of noise
     number: int  # of the next replay
     replays: Array  # (N,) that the channel has learnt from
     informed: Array  # (H, N) how many of them told σ
@@ -145,7 +144,6 @@ def initial_state(observation: Observation, joints_per_arm: int, model: Friction
         bank=Bank.empty(H, N, D, model.changes),
         scale=np.zeros((H, N)),
         log_evidence=np.zeros((H, N)),
-        prior=np.repeat(model.noise.column("weight"), N, axis=1),
         p=np.repeat(model.noise.column("weight"), N, axis=1),
         number=0,
         replays=np.zeros(N),
@@ -360,8 +358,8 @@ def _learn(state: FrictionState, seen: Seen, model: FrictionModel) -> None:
 def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionState:
     """Whether a change was found, in place; what was found becomes part of the filters."""
     J, N = state.joints_per_arm, len(state.replays)
-    state.prior = prior_by_arm(state.log_evidence, J, model.noise)
-    state.p = probabilities(state.log_evidence, state.prior)
+    prior = prior_by_arm(state.log_evidence, J, model.noise)
+    state.p = probabilities(state.log_evidence, prior)
     of_change = odds(state.p, state.bank, state.replays + model.noise.std_replays, state.use, J, model.changes, model.decision)
     state.odds, state.unchanged = of_change.R, of_change.unchanged
     counted = ~state.risen.reshape(-1, J + 1)[:, :J]
@@ -373,7 +371,7 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
     hit = np.flatnonzero(told.rises | told.falls | of_mean)
     if hit.size:
         absorb(state.x, state.P, state.log_evidence, state.bank, hit, state.replays + model.noise.std_replays, model.changes)
-        state.p = probabilities(state.log_evidence, state.prior)
+        state.p = probabilities(state.log_evidence, prior)
         only_fell = told.falls & ~told.rises
         of_fall = np.zeros(N, dtype=bool)
         of_fall[mean] = told.common[1] & ~told.common[0]
