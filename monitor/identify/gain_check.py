@@ -62,11 +62,10 @@ def gain_warnings(problem: FitProblem, found: Fit, causes: Causes, robot: Robot,
     if weighed is None:
         return
     doubt = gain_doubt(problem, causes)
-    if doubt is not None:
-        told = (np.abs(doubt.off) > APART) & (np.abs(doubt.off) > SURE * doubt.std)
-        if told[list(weighed.joints)].any():
-            yield _of_one_joint(doubt, [int(j) for j in np.flatnonzero(told)])
-            return
+    told = (np.abs(doubt.off) > APART) & (np.abs(doubt.off) > SURE * doubt.std)
+    if told[list(weighed.joints)].any():
+        yield _of_one_joint(doubt, [int(j) for j in np.flatnonzero(told)])
+        return
     scale = arm_scale(problem, found, weighed)
     if scale is not None and abs(math.log(scale.factor)) > math.log(ALIKE) and abs(scale.factor - 1.0) > SURE * scale.std:
         yield GAIN_DOUBTFUL(why=OTHER_WEIGHT(joints=[j + 1 for j in scale.joints], factor=scale.factor, std=scale.std))
@@ -81,12 +80,9 @@ def _of_one_joint(doubt: GainDoubt, told: list[int]) -> Reason:
     return GAIN_DOUBTFUL(why=OTHERS_DISAGREE(**found, instead=instead))
 
 
-def gain_doubt(problem: FitProblem, causes: Causes) -> GainDoubt | None:
-    """Each joint's gain beside the law of the residual friction, a delay and the warming; None where those are not all determined."""
-    left = causes.gains()
-    if left is None:
-        return None
-    columns, torque, rows = left  # (r, J), (r,)
+def gain_doubt(problem: FitProblem, causes: Causes) -> GainDoubt:
+    """Each joint's gain beside the law of the residual friction, a delay and the warming."""
+    columns, torque, rows = causes.gains()  # (r, J), (r,)
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, np.inf)
     along = columns.T @ torque / size  # (J,)

@@ -10,6 +10,7 @@ from oracle_arm import GROUND
 from own_physics import UR5, productioned_arm, with_current
 
 from monitor.config.files import find_excitation
+from monitor.errors import BadInput
 from monitor.identify.identify import identify
 from monitor.model.robot import Mounting, load_robot
 from monitor.simulate.arm.physics import drive_gain
@@ -112,3 +113,22 @@ def test_a_gain_that_is_a_fifth_too_large_is_told_of_a_real_arm(real_data, name)
         assert named(text)[joint + 1] == pytest.approx(1.18, abs=0.03), text
     (text,) = doubts(recording, robot, 1.25 * GAINS)
     assert text.startswith("joints 2, 3: the arm's own links seem to weigh 1.3"), text
+
+
+def test_gains_beside_torque_alone_are_refused():
+    """Torque needs no gain, and what needs one is no torque: both are possible, and nobody but the reader knows which."""
+    torque = replace(HEALTHY, torque=HEALTHY.current * UR5.drive_gain_nm_per_a, current=None)
+    with pytest.raises(BadInput, match=r"worked: holds torque .* and no current, and --gains are torque per ampere; .* leave --gains out"):
+        identify([torque], UR5, GROUND, gains=np.full(6, 1.25))
+    assert identify([torque], UR5, GROUND).warnings == ()
+
+
+@pytest.mark.parametrize("factor", [1.3, 1.0 / 1.3])
+@pytest.mark.parametrize("joint", [1, 2])
+def test_an_arm_whose_angles_were_rounded_tells_of_a_gain(joint, factor):
+    """As the exact arm does: neither parameters that no motion shows nor a check that goes off."""
+    rounded = replace(UR5, alpha_rad=np.round(UR5.alpha_rad, 4))
+    found = identify([with_current(HEALTHY, joint, lambda x: factor * x)], rounded, GROUND)
+    (text,) = [warning.text for warning in found.warnings if warning.code == "gain_doubtful"]
+    assert named(text)[joint + 1] == pytest.approx(factor, abs=0.1)
+    assert found.condition_number < 1000.0

@@ -1,5 +1,7 @@
 """Base parameters against the paper's counts and its appendix."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -72,11 +74,32 @@ def test_fc_and_fv_are_always_base_parameters_of_their_own():
             assert [set(row) for row in terms if name in row] == [{name}]
 
 
-def test_a_small_tilt_makes_two_more_parameters_identifiable():
-    """Exactly level is 52, a hundredth of a degree off is 54: a ceiling must not be off by the rounding of π."""
+def test_a_tilt_counts_from_where_a_recording_can_show_it():
+    """Level is 52; so is a ceiling whose π was rounded, and a floor that is off by a hundredth of a degree. A degree makes 54."""
     robot = load_robot("ur5")
-    assert base_parameters(robot, Mounting(roll_rad=np.radians(0.01))).count == 54
+    assert base_parameters(robot, Mounting(roll_rad=np.radians(0.01))).count == 52
+    assert base_parameters(robot, Mounting(roll_rad=3.1416)).count == 52
     assert base_parameters(robot, Mounting(roll_rad=np.pi)).count == 52
+    assert base_parameters(robot, Mounting(roll_rad=np.radians(1.0))).count == 54
+
+
+@pytest.mark.parametrize("digits", [2, 3, 4, 7, 9])
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10e"])
+def test_angles_that_were_rounded_make_no_base_parameters(name, digits):
+    """As in a URDF that says 1.57 or 1.5708: the base of the exact arm, with friction alone in its own parameters."""
+    exact = load_robot(name)
+    rounded = replace(exact, alpha_rad=np.round(exact.alpha_rad, digits))
+    found = base_parameters(rounded, Mounting())
+    assert found.columns == base_parameters(exact, Mounting()).columns
+    assert {f"fc{j}" for j in range(1, 7)} <= set(found.by_column.fully)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_arm_that_was_measured_has_the_base_of_its_drawing(seed):
+    """A calibration moves each axis by a fraction of a millimetre and a milliradian, which no torque shows."""
+    rng, arm = np.random.default_rng(seed), load_robot("ur5e")
+    measured = replace(arm, alpha_rad=arm.alpha_rad + rng.normal(scale=5e-4, size=6), a_m=arm.a_m + rng.normal(scale=5e-4, size=6))
+    assert base_parameters(measured, Mounting()).columns == base_parameters(arm, Mounting()).columns
 
 
 def test_names_give_the_combination():

@@ -53,15 +53,13 @@ class Causes:
         order = np.concatenate([np.arange(B), own[:, : self._terms].ravel(), own[:, self._terms :].ravel()])
         return Solution(values=solution.values[order], directions=solution.directions[order], excited=solution.excited[order]), residuals
 
-    def gains(self) -> tuple[Array, Array, int] | None:
+    def gains(self) -> tuple[Array, Array, int]:
         """What is left of a gain of each joint (r, J), and of the torque (r,), beside the fit and `REPEATABLE`; and the number of rows.
 
         A gain scales the torque of the fitted arm in the rows of one joint. That joint's friction is its own and beside it anyway, so only
-        the links that joints share tell of the gain. None where the unknowns beside which they are left are not all determined.
+        the links that joints share tell of the gain. A direction of the unknowns that the motion leaves open takes nothing.
         """
         B, solution = len(self._prior), self._solved(REPEATABLE)
-        if not solution.excited.all():
-            return None
         factors = [weight * factor.R for weight, factor in zip(self._found.weights, self._factors(REPEATABLE), strict=True)]
         A = np.concatenate(factors)  # (r, X + 1)
         gains, first = np.zeros((len(A), len(factors))), 0

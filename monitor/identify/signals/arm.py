@@ -96,14 +96,19 @@ def drive_torque(name: str, torque: Array | None, current: Array | None, robot: 
     """Joint torque (N, J) [N·m]: the measured torque where there is one, else current × gain.
 
     gains : (J,) torque per ampere at the joint [N·m/A]; None for the published torque constant × gear ratio, Raviola et al. (2021),
-    table 2. Raises BadInput where there is neither torque nor current, or gains are missing or implausible.
+    table 2. Raises BadInput where there is neither torque nor current, where gains are given for torque alone, missing, or implausible.
     """
     if gains is not None and (gains.shape != (robot.joints,) or not np.all((gains >= GAIN_NM_PER_A[0]) & (gains <= GAIN_NM_PER_A[1]))):
         least, most = GAIN_NM_PER_A
         given = np.array2string(np.asarray(gains), separator=",")
         raise BadInput(f"--gains: {given}; expected {robot.joints} numbers between {least:g} and {most:g} [N·m/A]")
-    if torque is not None and (gains is None or current is None):
+    if torque is not None and gains is None:
         return torque
+    if torque is not None and current is None:
+        raise BadInput(
+            f"{name}: holds torque [N·m] and no current, and --gains are torque per ampere; expected one of both: leave --gains out, or "
+            f"name the columns actual_current by --columns where they are what a gain makes torque of"
+        )
     if current is None:
         raise BadInput(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
     if gains is None:
