@@ -44,6 +44,9 @@ HOT_C = 65.0  # all joints of a working arm are colder: 20–45 °C, which are 6
 MIXED_PAYLOAD = Sentence("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")
 CLOCK_JUMP = Sentence("clock_jump", "{source}: the clock was set {jumps} times; the time in between is unknown; put right")
 CLOCK_RESTORED = Sentence("clock_restored", "{source}: times are written in steps of {step:.3g}, coarser than the ticks; put right")
+CLOCK_OF_ARRIVALS = Sentence(
+    "clock_of_arrivals", "{source}: times are those of arrival, {rows:.2g} rows at once in the mean; an even clock stands in their place"
+)
 UNIT_REPAIRED = Sentence("unit_repaired", "{source}: {what:word}; put right")
 CLOCK_DOUBTFUL = Sentence(
     "clock_doubtful",
@@ -148,9 +151,14 @@ def clock_jump(repaired: Repaired) -> Iterator[Reason]:
 
 
 def clock_restored(repaired: Repaired) -> Iterator[Reason]:
-    """Times were written too coarsely."""
-    if repaired.clock_step is not None:
-        yield CLOCK_RESTORED(source=named(repaired.recording), step=repaired.clock_step)
+    """Times were written too coarsely, or are those of arrival."""
+    if repaired.clock is None:
+        return
+    source, rows = named(repaired.recording), repaired.clock.rows
+    if rows is None:
+        yield CLOCK_RESTORED(source=source, step=repaired.clock.step)
+    else:
+        yield CLOCK_OF_ARRIVALS(source=source, rows=rows)
 
 
 def units_repaired(repaired: Repaired) -> Iterator[Reason]:
@@ -338,7 +346,7 @@ def fitted_together(files: HeldOut) -> Iterator[Reason]:
 DETECTORS = (
     Detector(Together, (MIXED_PAYLOAD,), mixed_payload),
     Detector(Repaired, (CLOCK_JUMP,), clock_jump),
-    Detector(Repaired, (CLOCK_RESTORED,), clock_restored),
+    Detector(Repaired, (CLOCK_RESTORED, CLOCK_OF_ARRIVALS), clock_restored),
     Detector(Repaired, (UNIT_REPAIRED,), units_repaired),
     Detector(Repaired, (CLOCK_DOUBTFUL,), clock_doubtful),
     Detector(Repaired, (SPEEDS_DOUBTFUL,), speeds_doubtful),

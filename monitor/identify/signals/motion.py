@@ -25,6 +25,7 @@ OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is n
 LEAST_ACCELERATION = 0.1  # [rad/s²]
 ENOUGH_SAMPLES = 5.0  # times the filter's cutoff: half of it is the highest frequency, at which the filter leaves a thousandth
 FEWEST_ROWS = 10  # fewer sound rows are no recording
+MOST_EVEN = 4.0  # samples of the even clock for each sound row: nothing is made of a file that is larger than itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,6 +221,13 @@ def _signals(repaired: Repaired, rows: SoundRows, settings: SignalSettings) -> M
     rate_hz = 1.0 / float(np.mean(dt[dt < 1.9 * np.median(dt)]))  # jitter averages out, and holes do not count
     _refuse_poor_motion(named(recording), t_s, qd, rate_hz, settings)
     stretches = _stretches(t_s, rows.breaks, max(settings.gap_s, 3.0 / rate_hz))
+    even = sum(float(t_s[part.stop - 1] - t_s[part.start]) * rate_hz + 1.0 for part in stretches)
+    if even > MOST_EVEN * len(t_s):
+        raise Unidentifiable(
+            f"{named(recording)}: times are uneven: most rows are {1.0 / rate_hz:.2g} s apart, and in the mean they are "
+            f"{even / rate_hz / len(t_s):.2g} s apart, as where a host's times of arrival are written; expected the controller's clock, "
+            f"or --rate with the rows a second"
+        )
     unfiltered = Unfiltered(t_s, measured["q"], qd, measured["current"], stretches) if "current" in measured else None
     spikes = despike(measured) if settings.despike else 0
     order, cutoff_hz = settings.filter_order, min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower

@@ -5,6 +5,7 @@ the motion, and the jitter of the clock, which acts on all joints at once in pro
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -283,7 +284,7 @@ def _longest_increasing(t_s: Array) -> Indices:
     values: list[float] = []
     before = np.full(len(t_s), -1)
     for i, value in enumerate(t_s.tolist()):
-        k = int(np.searchsorted(values, value)) if values and value <= values[-1] else len(values)
+        k = bisect_left(values, value) if values and value <= values[-1] else len(values)
         before[i] = ends[k - 1] if k else -1
         if k == len(values):
             values.append(value)

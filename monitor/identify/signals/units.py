@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.errors import Unidentifiable
-from monitor.identify.signals.clock import restored_clock, running_on
+from monitor.identify.signals.clock import Clock, restored_clock, running_on
 from monitor.reason import joints_by_number
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -55,7 +55,7 @@ class Repaired:
 
     recording: Recording
     clock_jumps: int = 0  # times at which the clock was set while it ran
-    clock_step: float | None = None  # steps in which a coarse clock was written, in the unit of the file
+    clock: Clock | None = None  # an even one, in the place of a coarse one or of one of arrivals
     units: tuple[str, ...] = ()  # units that were not SI, in words
     clock_factor: float | None = None  # positions change so many times as fast as the speeds say, where that is suspicious
     speeds: SpeedCheck | None = None  # None: no speeds, or too few rows
@@ -67,8 +67,8 @@ def in_si(recording: Recording) -> Repaired:
     Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit, with the likely reason.
     """
     t_s, jumps = running_on(recording.t_s)
-    coarse = restored_clock(t_s, recording.q)
-    t_s, step = (t_s, None) if coarse is None else coarse
+    clock = restored_clock(t_s, recording.q)
+    t_s = t_s if clock is None else clock.t_s
     if t_s is not recording.t_s:
         recording = replace(recording, t_s=t_s)
     seen = windows(recording.t_s, recording.q, recording.qd)
@@ -79,7 +79,7 @@ def in_si(recording: Recording) -> Repaired:
     return Repaired(
         recording=recording,
         clock_jumps=jumps,
-        clock_step=step,
+        clock=clock,
         units=found.said,
         clock_factor=found.clock_factor,
         speeds=_checked_speeds(recording, seen),
