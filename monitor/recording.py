@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from monitor.errors import BadInput
+from monitor.reason import Reason
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -87,6 +88,7 @@ class Recording:
     context: Context = field(default_factory=Context)
     quality: Mapping[str, Any] = field(default_factory=dict)  # counts of the acquisition: missed_ticks, duplicated_ticks, …
     source: str = ""  # the file's name, for messages
+    told: tuple[Reason, ...] = ()  # what a reader of the file is to know, beside its signals
 
     def __post_init__(self) -> None:
         """Check the shapes.
@@ -118,7 +120,7 @@ class Recording:
     @property
     def signals(self) -> dict[str, Array]:
         """Every signal of the recording, by the name of its field."""
-        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in {"context", "quality", "source"}}
+        present = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in {"context", "quality", "source", "told"}}
         return {name: value for name, value in present.items() if value is not None}
 
     def changed(self, names: Iterable[str], change: Callable[[Array], Array]) -> "Recording":

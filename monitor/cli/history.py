@@ -17,6 +17,7 @@ from monitor.cli.options import (
     IntervalOption,
     JsonOption,
     ManifestOption,
+    RateOption,
     ToOption,
     joint_number,
     load_configuration,
@@ -134,6 +135,7 @@ def import_(
     manifest: ManifestOption = None,
     interval: IntervalOption = None,
     columns: ColumnsOption = None,
+    rate: RateOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Recordings made elsewhere into the history, judged in time order and marked as imported. The daemon must not run."""
@@ -147,7 +149,7 @@ def import_(
     with status_line(f"importing {len(entries)} recordings"), Store.open(configuration.state_directory) as store:
         if store.ledger.unfinished():
             raise StoreError("the last run left a replay half-way: start `joint-monitor run` once, so that it is finished first")
-        outcome = import_recordings(store, configuration, entries, columns)
+        outcome = import_recordings(store, configuration, entries, columns, rate)
     if as_json:
         print_json({"robot": configuration.robot.id, **outcome})
         return

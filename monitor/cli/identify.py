@@ -14,6 +14,7 @@ from monitor.cli.options import (
     JsonOption,
     MountingOption,
     MountingOrNoneOption,
+    RateOption,
     RobotOption,
     UrdfOption,
     figures,
@@ -58,6 +59,7 @@ def identify(
     urdf: UrdfOption = None,
     mounting: MountingOption = "ground",
     columns: ColumnsOption = None,
+    rate: RateOption = None,
     gains: GainsOption = None,
     method: Annotated[
         str, typer.Option(help="ls (as the paper), wls (standstill masked, rows weighted), robust, consistent (an arm that can exist).")
@@ -108,6 +110,7 @@ def identify(
         robot=arm,
         mounting=Mounting.parse(mounting),
         columns=columns,
+        rate_hz=rate,
         gains=optional_figures(gains, "--gains", arm.joints),
         pair=pair,
         method=method,
@@ -186,6 +189,7 @@ def energy(
     ] = None,
     mounting: MountingOption = "ground",
     columns: ColumnsOption = None,
+    rate: RateOption = None,
     gains: GainsOption = None,
     limit: Annotated[
         list[str] | None, typer.Option(help="REGION=JOULES[@KILOGRAMS of the region]; may be given again.", show_default=False)
@@ -204,10 +208,10 @@ def energy(
     arm = identify_files.arm(robot, urdf)
     regions = [BodyRegion.parse(text) for text in limit or []]
     joint_gains = optional_figures(gains, "--gains", arm.joints)
-    recordings = identify_files.named_recordings(files, columns)
+    recordings = identify_files.named_recordings(files, columns, rate)
     path: EnergyPath
     if along is None or Path(along).suffix in {".csv", ".parquet"}:
-        path = path_of_recording(recordings[0] if along is None else identify_files.named_recordings([Path(along)], columns)[0], arm)
+        path = path_of_recording(recordings[0] if along is None else identify_files.named_recordings([Path(along)], columns, rate)[0], arm)
     else:
         from monitor.config.files import find_excitation
 
@@ -234,6 +238,7 @@ def listen(
     urdf: UrdfOption = None,
     mounting: MountingOrNoneOption = None,
     columns: ColumnsOption = None,
+    rate: RateOption = None,
     gains: GainsOption = None,
     deviation: Annotated[
         float, typer.Option(min=0.01, max=0.5, help="A joint is known where one σ of its friction is this fraction, or less.")
@@ -257,6 +262,7 @@ def listen(
         robot=arm,
         mounting=None if mounting is None else Mounting.parse(mounting),
         columns=columns,
+        rate_hz=rate,
         gains=None if gains is None or joints is None else figures(gains, "--gains", joints),
         settings=ProductionSettings(deviation=deviation),
     )

@@ -1,5 +1,6 @@
 """The commands `assess`, which judges a series of recordings, and `rehearse`, which tries thresholds on a simulated fleet."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from monitor.cli.options import (
     JsonOption,
     ManifestOption,
     MountingOrNoneOption,
+    RateOption,
     complete_model,
     load_configuration,
     optional_figures,
@@ -41,6 +43,7 @@ def assess(
     ] = None,
     mounting: MountingOrNoneOption = None,
     columns: ColumnsOption = None,
+    rate: RateOption = None,
     gains: GainsOption = None,
     manifest: ManifestOption = None,
     interval: IntervalOption = None,
@@ -53,7 +56,7 @@ def assess(
     Exit 3: --from-store found a verdict that differs, or a recording that is not the one that was made.
     """
     if from_store:
-        given = (files, robot, mounting, columns, gains, manifest, interval)
+        given = (files, robot, mounting, columns, rate, gains, manifest, interval)
         _assess_from_store(config, others=any(value is not None for value in given), as_json=as_json)
         return
     from monitor.publish.timestamps import outside
@@ -62,7 +65,7 @@ def assess(
     from monitor.views.terminal.studies import print_assessment
 
     entries = given_entries(files or [], manifest, interval)
-    series = _series(entries, config, robot, mounting, columns, gains)
+    series = replace(_series(entries, config, robot, mounting, gains), columns=columns, rate_hz=rate)
     with status_line(f"judging {len(entries)} recordings of a {series.robot.name}"):
         document: Any = outside(assess_series(series))
     if as_json:
@@ -71,9 +74,7 @@ def assess(
         print_assessment(document, why=why)
 
 
-def _series(
-    entries: "list[Entry]", config: Path | None, robot: str | None, mounting: str | None, columns: str | None, gains: str | None
-) -> "Series":
+def _series(entries: "list[Entry]", config: Path | None, robot: str | None, mounting: str | None, gains: str | None) -> "Series":
     """The recordings with the arm, its mounting and the settings: from the configuration, or from the options. Raises BadInput."""
     from monitor.judge.settings import AssessSettings
     from monitor.model.robot import Mounting
@@ -94,7 +95,7 @@ def _series(
     if mounting is not None:
         attitude = Mounting.parse(mounting)
         entries = [entry._replace(mounting=entry.mounting or attitude) for entry in entries]  # the option holds for every file
-    return Series(entries=entries, robot=arm, mounting=attitude, columns=columns, gains=joint_gains, settings=settings)
+    return Series(entries=entries, robot=arm, mounting=attitude, gains=joint_gains, settings=settings)
 
 
 def rehearse(

@@ -65,7 +65,11 @@ RobotOption = Annotated[
 UrdfOption = Annotated[Path | None, typer.Option(help="Instead of a model: any serial arm of 1 to 8 turning joints.", show_default=False)]
 MountingOption = Annotated[str, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.")]
 MountingOrNoneOption = Annotated[str | None, typer.Option(help="ground, ceiling, wall or ROLL,PITCH,YAW in degrees.", show_default=False)]
-ColumnsOption = Annotated[str | None, typer.Option(help="Names and widths for files without RTDE names.", show_default=False)]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(help="What columns are: NAME:COUNT,… in order, or NAME=COLUMN,… by names, as q_{1..6}.", show_default=False),
+]
+RateOption = Annotated[float | None, typer.Option("--rate", help="Rows a second of files that tell no time.", show_default=False)]
 GainsOption = Annotated[str | None, typer.Option(help=f"Joint torque per ampere [N·m/A]: {FIGURES_HELP}.", show_default=False)]
 FilesArgument = Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]", help="Recordings of one arm.", show_default=False)]
 MANIFEST_HELP = "CSV: file, recorded_at[, payload_kg, mounting, note, maintenance, joint_serials, revolutions]."

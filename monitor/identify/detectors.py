@@ -42,6 +42,9 @@ APART_K = 35.0  # of one joint from the median joint: in warm-up curves of real 
 HOT_C = 65.0  # all joints of a working arm are colder: 20–45 °C, which are 68–113 °F
 
 MIXED_PAYLOAD = Sentence("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")
+CLOCK_UNCHECKED = Sentence(
+    "clock_unchecked", "{source}: holds no speeds (actual_qd), so nothing checks its clock, and friction is wrong where the clock is"
+)
 CLOCK_JUMP = Sentence("clock_jump", "{source}: the clock was set {jumps} times; the time in between is unknown; put right")
 CLOCK_RESTORED = Sentence("clock_restored", "{source}: times are written in steps of {step:.3g}, coarser than the ticks; put right")
 CLOCK_OF_ARRIVALS = Sentence(
@@ -142,6 +145,17 @@ def mixed_payload(together: Together) -> Iterator[Reason]:
     """The recordings name different payloads or tools."""
     if len({(recording.context.payload_kg, recording.context.tool) for recording in together.recordings}) > 1:
         yield MIXED_PAYLOAD()
+
+
+def told_by_reader(repaired: Repaired) -> Iterator[Reason]:
+    """What the reader of the file had to say."""
+    return iter(repaired.recording.told)
+
+
+def clock_unchecked(repaired: Repaired) -> Iterator[Reason]:
+    """No speeds: a wrong clock goes unseen."""
+    if repaired.recording.qd is None:
+        yield CLOCK_UNCHECKED(source=named(repaired.recording))
 
 
 def clock_jump(repaired: Repaired) -> Iterator[Reason]:
@@ -345,11 +359,13 @@ def fitted_together(files: HeldOut) -> Iterator[Reason]:
 
 DETECTORS = (
     Detector(Together, (MIXED_PAYLOAD,), mixed_payload),
+    Detector(Repaired, (), told_by_reader),
     Detector(Repaired, (CLOCK_JUMP,), clock_jump),
     Detector(Repaired, (CLOCK_RESTORED, CLOCK_OF_ARRIVALS), clock_restored),
     Detector(Repaired, (UNIT_REPAIRED,), units_repaired),
     Detector(Repaired, (CLOCK_DOUBTFUL,), clock_doubtful),
     Detector(Repaired, (SPEEDS_DOUBTFUL,), speeds_doubtful),
+    Detector(Repaired, (CLOCK_UNCHECKED,), clock_unchecked),
     Detector(Motion, (REJECTED_ROWS,), rejected_rows),
     Detector(Motion, (TURNS_UNWOUND,), turns_unwound),
     Detector(Motion, (MOTION_JUMPS,), motion_jumps),

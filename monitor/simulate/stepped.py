@@ -4,6 +4,7 @@ A client on the wire sends a servoj packet every 8 ms. Here the replay gives the
 """
 
 from collections.abc import Generator
+from typing import Any
 
 import numpy as np
 
@@ -122,7 +123,7 @@ def _still_playing(controller: Controller) -> None:
         raise ReplayAborted(f"{stop.kind}: {stop.reason}")
 
 
-def _recording(controller: Controller, excitation: Excitation, rows: dict[str, Array], software: str | None) -> Recording:
+def _recording(controller: Controller, excitation: Excitation, rows: dict[str, Any], software: str | None) -> Recording:
     settings = controller.settings
     context = Context(
         robot=settings.robot,

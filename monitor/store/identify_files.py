@@ -41,7 +41,8 @@ class Request:
     files: Sequence[Path]  # fitted together
     robot: Robot
     mounting: Mounting
-    columns: str | None = None  # names and widths for files without RTDE names
+    columns: str | None = None  # what the columns of the files are, as `layout_of` takes it
+    rate_hz: float | None = None  # rows a second of files that tell no time
     gains: Array | None = None  # (J,) [N·m/A]
     pair: PayloadPair | None = None  # the gains are estimated from it; files[0] is the run without the mass
     method: str = "wls"
@@ -105,9 +106,9 @@ def _from_toml(path: Path) -> Robot:
         raise BadInput(f"--robot {path}: is no arm ({why}); expected the keys of the shipped models, as --export writes them") from None
 
 
-def named_recordings(paths: Sequence[Path], columns: str | None) -> list[Recording]:
+def named_recordings(paths: Sequence[Path], columns: str | None, rate_hz: float | None = None) -> list[Recording]:
     """Recordings whose source is the file's name as the user gave it, whatever source the file itself names."""
-    return [dataclasses.replace(read_recording(local_file(path), columns), source=path.name) for path in paths]
+    return [dataclasses.replace(read_recording(local_file(path), columns, rate_hz), source=path.name) for path in paths]
 
 
 def identify_files(request: Request) -> Outcome:
@@ -127,7 +128,9 @@ def identify_files(request: Request) -> Outcome:
 def _identified(request: Request) -> Outcome:
     """`identify_files`, as far as the memory reaches."""
     robot, mounting = request.robot, request.mounting
-    recordings, held_out, loaded = (named_recordings(paths, request.columns) for paths in (request.files, request.held_out, request.loaded))
+    recordings, held_out, loaded = (
+        named_recordings(paths, request.columns, request.rate_hz) for paths in (request.files, request.held_out, request.loaded)
+    )
     gains, estimated = request.gains, None
     if request.pair is not None:
         estimated = _pair_gains(request, recordings[0])
@@ -174,7 +177,7 @@ def _pair_gains(request: Request, unloaded: Recording) -> Gains:
     pair = request.pair
     if pair is None:
         raise BadInput("payload pair: no loaded run was given")
-    loaded = named_recordings([pair.file], request.columns)[0]
+    loaded = named_recordings([pair.file], request.columns, request.rate_hz)[0]
     return payload_gains(
         unloaded, loaded, request.robot, request.mounting, pair.payload_kg, pair.com_m, payload_std_kg=pair.std_kg
     )  # fmt: skip

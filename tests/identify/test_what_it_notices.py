@@ -10,7 +10,8 @@ from monitor.identify.signals.units import Repaired
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/identification.md").read_text("utf-8")
 TABLE = PAGE.split("## What it notices")[1].split("## ")[0]
-SIGNALS = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "monitor/identify").rglob("*.py")))
+ROOMS = (ROOT / "monitor/identify", ROOT / "monitor/store/formats")  # what a reader of files tells is told with the rest
+SIGNALS = "\n".join(path.read_text("utf-8") for room in ROOMS for path in sorted(room.rglob("*.py")))
 TESTS = "\n".join(path.read_text("utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py")) if path.name != Path(__file__).name)
 
 

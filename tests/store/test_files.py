@@ -1,14 +1,18 @@
 """Recordings as files: written ones are read back exactly, files of others are read or refused with the reason."""
 
+import bz2
 import gzip
+import lzma
 from dataclasses import fields
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from monitor.errors import BadInput, StoreError
 from monitor.recording import Context, Recording
@@ -225,7 +229,7 @@ def make(tmp_path, content):
         (text(), "timestamp,actual_q:2,actual_qd:1,skip:3", "actual_qd has 1 columns, actual_q has 2"),
         (text(), "timestamp,actual_q:two", r"'actual_q:two'; expected NAME or NAME:COUNT"),
         (text(), "timestamp:2,actual_q:2,skip:3", "timestamp is one column, once"),
-        (text().replace("actual_q_", "joint_"), None, "holds no joint positions .* it names timestamp, joint_0"),
+        (text().replace("actual_q_", "joint_"), None, "holds no joint positions .* it names timestamp, joint_{0..1}"),
         (text().replace("timestamp", "when"), None, "holds no column timestamp"),
         (text().replace("actual_qd_1", "actual_qd_3"), None, "actual_qd has the indices 0, 3; expected 0 … 1"),
         (
@@ -235,9 +239,6 @@ def make(tmp_path, content):
         ),
         (b"PAR1 and then nothing", None, "not readable Parquet"),
         (b"\x7fELF\0\0\0", None, "is binary, and not Parquet.* export it as CSV"),
-        pytest.param(
-            gzip.compress(text().encode()), None, "is binary, and not Parquet.* unpack it first", id="gzip"
-        ),  # its bytes hold the time
     ],
 )
 def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path, content, columns, message):
@@ -259,7 +260,7 @@ def test_parquet_without_positions_or_numbers_is_refused(tmp_path):
     with pytest.raises(BadInput, match="holds no joint positions"):
         read_recording(tmp_path / "a.parquet")
     pd.DataFrame({"timestamp": [0.0], "actual_q_0": ["zero"]}).to_parquet(tmp_path / "b.parquet")
-    with pytest.raises(BadInput, match="column actual_q_0 does not hold numbers"):
+    with pytest.raises(BadInput, match="actual_q of joint 1 holds no number in any row"):
         read_recording(tmp_path / "b.parquet")
 
 
@@ -288,13 +289,229 @@ def test_times_of_parquet_are_seconds_whatever_their_unit(tmp_path, unit, zone, 
     assert np.isnan(t_s[-1])
 
 
-def test_columns_name_those_of_parquet_too_where_its_names_do_not(tmp_path):
-    """By their order, as in text. Parquet in RTDE's names is read by these: beside it, the same `--columns` may be for another file."""
+def test_columns_say_what_parquet_holds_whatever_its_names(tmp_path):
+    """By their order, as in text: whoever says so knows that the measured current is in iq, and what actual_current is."""
     table = pd.DataFrame(ROWS, columns=list("tabcdef"))
     table.to_parquet(tmp_path / "a.parquet")
     assert_is_rows(read_recording(tmp_path / "a.parquet", SPEC))
     with pytest.raises(BadInput, match=r"has 7 columns, --columns timestamp,actual_q:2 names 3"):
         read_recording(tmp_path / "a.parquet", "timestamp,actual_q:2")
     table.columns = HEADER
+    for name in ("b.parquet", "b.csv"):
+        table.to_csv(tmp_path / name, index=False) if name.endswith("csv") else table.to_parquet(tmp_path / name)
+        found = read_recording(tmp_path / name, "timestamp,actual_q:2,skip:2,actual_torque:2")
+        assert set(found.signals) == {"t_s", "q", "torque"}
+        with pytest.raises(BadInput, match="'foo' is not known"):
+            read_recording(tmp_path / name, "foo,bar")
+
+
+def test_columns_for_other_files_leave_our_own_as_they_were_written(tmp_path):
+    """A command may name a log of a foreign layout beside a replay of this program; what fits no file is refused."""
+    write_recording(tmp_path / "own.parquet", full(0, 9))
+    found = read_recording(tmp_path / "own.parquet", SPEC)
+    assert found.signals.keys() == full(0, 9).signals.keys()
+    assert [reason.code for reason in found.told] == ["columns_as_written"]
+    with pytest.raises(BadInput, match="'foo' is not known"):
+        read_recording(tmp_path / "own.parquet", "foo,bar")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_columns_are_named_instead_of_counted(tmp_path, kind):
+    """With {1..6} as a shell has it; what the file names itself in RTDE's names needs no mention, and NAME= is not read."""
+    names = ["time", "pos_1", "pos_2", "x", "vel_1", "vel_2", "i_elbow", "i_wrist", "actual_torque_0", "actual_torque_1"]
+    table = pd.DataFrame(np.column_stack([ROWS[:, :3], ROWS[:, 0], ROWS[:, 3:], ROWS[:, 1:3]]), columns=names)
+    file = tmp_path / f"a.{kind}"
+    table.to_csv(file, index=False) if kind == "csv" else table.to_parquet(file)
+    spec = "timestamp=time, actual_q=pos_{1..2},actual_qd=vel_{1,2},actual_current=i_{elbow,wrist}"
+    found = read_recording(file, spec)
+    assert_is_rows(found)
+    np.testing.assert_array_equal(found.torque, ROWS[:, 1:3])
+    assert read_recording(file, f"{spec},actual_torque=").torque is None
+    np.testing.assert_array_equal(read_recording(file, spec.replace("pos_{1..2}", "pos_{2..1}")).q, ROWS[:, [2, 1]])
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("timestamp=time,actual_q=poss_{1..2}", r"the column 'poss_1' is not there; most like it are pos_1"),
+        ("timestamp=time,actual_q=pos_{1..2},actual_qd", "'actual_qd' stands beside parts with ="),
+        ("timestamp=time,actual_q=pos_{1..2},speed=vel_{1..2}", "'speed' is not known"),
+        ("timestamp=time,actual_q=pos_{1..2},actual_qd=vel_1", "actual_qd has the indices 0; expected 0 … 1"),
+        ("timestamp=time,actual_q=pos_{1..2},actual_current=target_current_{0..1}", "is what the controller wanted"),
+        ("timestamp=time,actual_q=twice", "the column 'twice' is there twice"),
+        ("timestamp=time", r"holds no joint positions"),
+        ("actual_q=pos_{1..2}", r"holds no column timestamp; it names time, .*--columns timestamp=time; .*--rate 125"),
+        ("timestamp=time,actual_q=pos_{1..99999}", "are too many"),
+    ],
+)
+def test_names_that_are_wrong_are_refused(tmp_path, spec, message):
+    """With what is there, and what would be right."""
+    names = ["time", "pos_1", "pos_2", "vel_1", "vel_2", "twice", "twice", "target_current_0", "target_current_1"]
+    (tmp_path / "a.csv").write_text(",".join(names) + "\n0,1,2,3,4,5,6,7,8\n")
+    with pytest.raises(BadInput, match=message):
+        read_recording(tmp_path / "a.csv", spec)
+
+
+def written_twice(tmp_path, kind, names):
+    rows = np.column_stack([ROWS, 0.9 * ROWS[:, 5:7]])
+    file = tmp_path / f"a.{kind}"
+    if kind == "csv":
+        file.write_text("\n".join([",".join(names), *(",".join(map(str, row)) for row in rows.tolist())]))
+    else:
+        pq.write_table(pa.Table.from_arrays([pa.array(column) for column in rows.T], names=names), file)
+    return file
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize("again", ["actual_current_{}", "actual_current[{}]", "actual_current{}"])
+def test_a_name_that_stands_twice_is_refused(tmp_path, kind, again):
+    """Whichever is read would be a guess. The columns may be said in order."""
+    file = written_twice(tmp_path, kind, [*HEADER, again.format(0), again.format(1)])
+    with pytest.raises(BadInput, match=r"names actual_current.?0.? twice, in the columns 6 and 8"):
+        read_recording(file)
+    assert_is_rows(read_recording(file, f"{SPEC},skip:2"))
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_two_names_of_one_signal_are_refused(tmp_path, kind):
+    """Torque is actual_torque or actual_current_as_torque: one of them is left out by name."""
+    names = [*HEADER[:5], "actual_torque_0", "actual_torque_1", "actual_current_as_torque_0", "actual_current_as_torque_1"]
+    file = written_twice(tmp_path, kind, names)
+    with pytest.raises(BadInput, match="actual_torque and actual_current_as_torque, which are one signal; leave one out"):
+        read_recording(file)
+    np.testing.assert_array_equal(read_recording(file, "actual_torque=").torque, 0.9 * ROWS[:, 5:7])
+
+
+def test_a_time_that_stands_twice_is_refused(tmp_path):
+    """As any other name."""
+    (tmp_path / "a.csv").write_text("timestamp,actual_q_0,timestamp\n0,1,2\n")
+    with pytest.raises(BadInput, match="names timestamp twice, in the columns 1 and 3"):
+        read_recording(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("named", ["actual_dq_{}", "speed{}", "joint_{}_velocity", "Actual_QD_{}"])
+def test_columns_that_may_be_the_speeds_are_told_as_not_read(tmp_path, named):
+    """Without speeds nobody would see a wrong clock; the sentence says what to type."""
+    names = [named.format(name[-1]) if "_qd_" in name else name for name in HEADER]
+    (tmp_path / "a.csv").write_text(text().replace(",".join(HEADER), ",".join(names)))
+    (reason,) = read_recording(tmp_path / "a.csv").told
+    assert reason.code == "names_not_read"
+    option = reason.text.split("--columns ")[1]
+    assert option == f"actual_qd={named.format('{0..1}')}"
+    assert_is_rows(read_recording(tmp_path / "a.csv", option))
+
+
+def test_a_temperature_and_a_torque_of_near_names_are_told_and_other_columns_are_not(tmp_path):
+    """A file may hold anything beside what is read."""
+    extra = ["joint_temperature_0", "joint_temperature_1", "actual_TCP_pose_0", "actual_TCP_pose_1", "din_0", "din_1"]
+    lines = text().splitlines()
+    (tmp_path / "a.csv").write_text("\n".join([",".join([lines[0], *extra]), *(f"{line},30,31,0,0,1,0" for line in lines[1:])]))
+    (reason,) = read_recording(tmp_path / "a.csv").told
+    assert reason.parameters["names"] == ("joint_temperature_{0..1}",)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_rows_without_a_time_are_read_at_a_rate(tmp_path, kind):
+    """Only where no time is there, or it is left out by name."""
+    file = tmp_path / f"a.{kind}"
+    table = pd.DataFrame(ROWS, columns=HEADER)
+    write = table.to_csv if kind == "csv" else table.to_parquet
+    write(file, index=False)
+    with pytest.raises(BadInput, match="tells times, and --rate is for rows without one"):
+        read_recording(file, rate_hz=125.0)
+    np.testing.assert_array_equal(read_recording(file, "timestamp=", 125.0).t_s, np.arange(3) / 125.0)
+    np.testing.assert_array_equal(read_recording(file, "skip,actual_q:2,skip:4", 100.0).t_s, np.arange(3) / 100.0)
+    for rate_hz in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(BadInput, match="expected the rows a second"):
+            read_recording(file, "timestamp=", rate_hz)
+
+
+def test_columns_of_text_in_parquet_are_read_as_those_of_csv(tmp_path):
+    """A mode in words is no number, and no reason to refuse; numbers, categories and times that are written as text are what they say."""
+    table = pd.DataFrame(ROWS, columns=HEADER)
+    table["actual_q_0"] = [f"{value:.3f}".replace(".", ",") for value in table["actual_q_0"]]
+    table["actual_q_1"] = table["actual_q_1"].astype(str).astype("category")
+    table["robot_mode"], table["payload"] = "RUNNING", "none"
+    table["safety_mode"] = [True, None, False]
+    table.to_parquet(tmp_path / "a.parquet")
+    found = read_recording(tmp_path / "a.parquet")
+    assert_is_rows(found)
+    assert np.isnan(found.robot_mode).all()
+    np.testing.assert_array_equal(found.safety_mode, [1.0, np.nan, 0.0])
+    table["timestamp"] = [f"2026-11-23T06:04:{15 + second}Z" for second in range(3)]
     table.to_parquet(tmp_path / "b.parquet")
-    assert_is_rows(read_recording(tmp_path / "b.parquet", "timestamp,actual_q:6"))
+    np.testing.assert_array_equal(np.diff(read_recording(tmp_path / "b.parquet").t_s), 1.0)
+
+
+PACK = {"gz": gzip.compress, "bz2": bz2.compress, "xz": lzma.compress, "zst": lambda content: pa.compress(content, "zstd", asbytes=True)}
+
+
+@pytest.mark.parametrize("packed", PACK)
+def test_what_is_packed_is_read(tmp_path, packed):
+    """CSV and Parquet, by what the file holds and whatever its name."""
+    pd.DataFrame(ROWS, columns=HEADER).to_parquet(tmp_path / "a.parquet")
+    for content in (text().encode(), (tmp_path / "a.parquet").read_bytes()):
+        (tmp_path / "a").write_bytes(PACK[packed](content))
+        assert_is_rows(read_recording(tmp_path / "a"))
+        (tmp_path / "a").write_bytes(PACK[packed](content)[:-9])
+        with pytest.raises(BadInput, match="is packed and damaged"):
+            read_recording(tmp_path / "a")
+
+
+@pytest.mark.parametrize("packed", PACK)
+def test_what_unpacks_to_more_than_a_recording_is_refused(tmp_path, packed):
+    """Before it fills the memory."""
+    line = b"0,0,0,0,0,0,0\n"
+    (tmp_path / "a").write_bytes(PACK[packed](text().encode() + line * 1_000_000))
+    with pytest.raises(BadInput, match="unpacks to more than 32 times"):
+        read_recording(tmp_path / "a")
+
+
+def test_parquet_that_unpacks_to_more_than_a_recording_is_refused(tmp_path):
+    """Ten million rows of one value are a few kilobytes."""
+    zeros = pa.array(np.zeros(2_000_000))
+    pq.write_table(pa.table(dict.fromkeys(HEADER, zeros)), tmp_path / "a.parquet", compression="zstd")
+    assert (tmp_path / "a.parquet").stat().st_size < 1e6
+    with pytest.raises(BadInput, match="unpacks to more than 32 times"):
+        read_recording(tmp_path / "a.parquet")
+
+
+ARRAYS = {"t": ROWS[:, 0], "pos": ROWS[:, 1:3], "vel": ROWS[:, 3:5].T, "cur": ROWS[:, 5:7]}
+OF_ARRAYS = "timestamp=t,actual_q=pos_{0..1},actual_qd=vel_{0..1},actual_current=cur_{0..1}"
+
+
+def test_arrays_of_numpy_and_matlab_are_read(tmp_path):
+    """An array with a row a sample, or a column a sample, is one column a joint of its name; the rest is passed over."""
+    np.savez_compressed(tmp_path / "a.npz", **ARRAYS, names=np.array(["a", "b"], dtype=object), gain=3.0)
+    assert_is_rows(read_recording(tmp_path / "a.npz", OF_ARRAYS))
+    savemat(tmp_path / "a.mat", {**ARRAYS, "name": "run 3"}, do_compression=True)
+    assert_is_rows(read_recording(tmp_path / "a.mat", OF_ARRAYS))
+    savemat(tmp_path / "b.mat", {"log": {"timestamp": ROWS[:, 0], "actual_q": ROWS[:, 1:3]}})
+    np.testing.assert_array_equal(
+        read_recording(tmp_path / "b.mat", "timestamp=log.timestamp,actual_q=log.actual_q_{0..1}").q, ROWS[:, 1:3]
+    )
+    np.savez(tmp_path / "c.npz", timestamp=ROWS[:, 0], actual_q=ROWS[:, 1:3], actual_qd=ROWS[:, 3:5], actual_current=ROWS[:, 5:7])
+    assert_is_rows(read_recording(tmp_path / "c.npz"))
+    np.save(tmp_path / "d.npy", np.tile(ROWS, (3, 1)))
+    np.testing.assert_array_equal(read_recording(tmp_path / "d.npy", SPEC).current[:3], ROWS[:, 5:7])
+    with pytest.raises(BadInput, match=r"holds no joint positions .* it names t, pos_\{0..1\}, vel_\{0..1\}"):
+        read_recording(tmp_path / "a.npz")
+    (tmp_path / "e.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:-40])
+    with pytest.raises(BadInput, match="is not readable"):
+        read_recording(tmp_path / "e.npz")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x89HDF\r\n\x1a\n", "is HDF5, or MATLAB 7.3.*save.'recording.mat', '-v7'"),
+        (b"MATLAB 7.3 MAT-file" + b"\0" * 500, "is MATLAB 7.3.*-v7"),
+        (b"ARROW1\0\0", "is Arrow or Feather.*pandas.read_feather"),
+        (b"\x80\x04\x95", "is a pickle.*pandas.read_pickle"),
+        (b"PK\x03\x04[Content_Types].xml", "a spreadsheet: .*pandas.read_excel"),
+    ],
+)
+def test_what_is_not_read_is_refused_with_the_command_that_converts_it(tmp_path, content, message):
+    """One sentence that can be copied."""
+    with pytest.raises(BadInput, match=message):
+        read_recording(make(tmp_path, content))

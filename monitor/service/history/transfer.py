@@ -124,7 +124,9 @@ def export_recording(store: Store, replay: int, path: Path) -> Recording:
     return recording
 
 
-def import_recordings(store: Store, configuration: Configuration, entries: list[Entry], columns: str | None) -> dict[str, Any]:
+def import_recordings(
+    store: Store, configuration: Configuration, entries: list[Entry], columns: str | None, rate_hz: float | None = None
+) -> dict[str, Any]:
     """Assess recordings made elsewhere in the order of their times, and mark them as imported. Returns counts and rejections.
 
     Recordings that name no trajectory get a name by their motion, so that another motion has a baseline of its own.
@@ -133,7 +135,7 @@ def import_recordings(store: Store, configuration: Configuration, entries: list[
     with another mounting than this arm's.
     """
     robot, mounting = configuration.robot_description, configuration.mounting
-    found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns))
+    found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns, rate_hz=rate_hz))
     known = load_state(store)
     last = None if known.belief is None else known.belief.at_unix_s
     for recording, hangs in found:

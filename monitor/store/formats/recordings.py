@@ -17,8 +17,10 @@ import numpy as np
 from monitor.errors import BadInput, StoreError
 from monitor.identify.production.arm import ProductionRows
 from monitor.recording import Array, Context, Recording
-from monitor.store.formats.columns import Layout, layout_by_name, named_columns, parse_columns, recorded
-from monitor.store.formats.text_recordings import read_text
+from monitor.store.formats.arrays import is_arrays, read_arrays
+from monitor.store.formats.columns import layout_as_written, layout_of_table, named_columns, recorded
+from monitor.store.formats.others import refuse_others, refuse_unpacked, unpacked
+from monitor.store.formats.text_recordings import number, read_text, time_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -26,15 +28,15 @@ if TYPE_CHECKING:
 METADATA = b"joint-monitor.recording.v1"
 
 
-def read_recording(path: str | Path, columns: str | None = None) -> Recording:
-    """Read a recording from Parquet or from CSV. columns : the layout of a file without RTDE's names, as `parse_columns` takes it.
+def read_recording(path: str | Path, columns: str | None = None, rate_hz: float | None = None) -> Recording:
+    """Read a recording from any format of `FORMATS`. columns, rate_hz : what its columns are, as `layout_of` takes them.
 
     Raises BadInput for a file that is missing, unreadable, no recording, or laid out otherwise.
     """
-    return read_production(path, columns).recording
+    return read_production(path, columns, rate_hz).recording
 
 
-def read_production(path: str | Path, columns: str | None = None) -> ProductionRows:
+def read_production(path: str | Path, columns: str | None = None, rate_hz: float | None = None) -> ProductionRows:
     """`read_recording` with the columns that only production needs, as far as the file has them. Raises as `read_recording`."""
     path = Path(path)
     try:
@@ -42,13 +44,23 @@ def read_production(path: str | Path, columns: str | None = None) -> ProductionR
             raise BadInput(f"{path}: is a folder; expected a recording (Parquet or CSV)")
         if path.exists() and not path.is_file():
             raise BadInput(f"{path}: is no file; expected a recording, CSV or Parquet")
-        with path.open("rb") as file:
-            parquet = file.read(4) == b"PAR1"
-        return _of_parquet(path, str(path), columns) if parquet else read_text(path, columns)
+        content = path.read_bytes()
+        return _read(unpacked(content, str(path)), str(path), columns, rate_hz)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None
     except OSError as wrong:
         raise BadInput(f"{path}: cannot be read: {wrong.strerror or wrong}") from None
+
+
+def _read(content: bytes, where: str, columns: str | None, rate_hz: float | None) -> ProductionRows:
+    if content.startswith(b"PAR1"):
+        import pyarrow as pa
+
+        return _of_parquet(pa.BufferReader(content), where, columns, rate_hz)
+    if is_arrays(content):
+        return read_arrays(content, where, columns, rate_hz)
+    refuse_others(content, where)
+    return read_text(content, where, columns, rate_hz)
 
 
 def recording_of(content: bytes, where: str) -> Recording:
@@ -115,31 +127,36 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be kept in a recording's metadata")
 
 
-def _of_parquet(source: Any, where: str, columns: str | None = None) -> ProductionRows:
-    """A recording; `columns` is for files whose names do not say where the positions are."""
+def _of_parquet(source: Any, where: str, columns: str | None = None, rate_hz: float | None = None) -> ProductionRows:
+    """A recording from Parquet, with the columns that only production needs."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         with pq.ParquetFile(source) as file:  # one small file: threads and the search for a dataset take longer than they save
+            refuse_unpacked(8 * file.metadata.num_rows * file.metadata.num_columns, source.size(), where)
             table = file.read(use_threads=False)
     except (pa.ArrowException, ValueError) as wrong:
         raise BadInput(f"{where}: is not readable Parquet: {str(wrong).splitlines()[0]}") from None
     name = where.rpartition("/")[2]
     if any(pa.types.is_nested(field.type) for field in table.schema):
         table = _flat(table)
-    layout = _layout(table.column_names, where, columns)
+    laid_out = layout_as_written if METADATA in (table.schema.metadata or {}) else layout_of_table
+    layout = laid_out(where, table.column_names, columns, rate_hz)
+    time = layout.scalars.get("t_s")
+    about = _about((table.schema.metadata or {}).get(METADATA), where, name)
+    return recorded(layout, lambda k: _numbers(table.column(k).to_numpy(), k == time), table.num_rows, name, about)
 
-    def column(k: int) -> Array:
-        values = table.column(k).to_numpy()
-        if values.dtype.kind in "mM":
-            values = _seconds(values)
-        try:
-            return np.asarray(values, dtype=float)
-        except (ValueError, TypeError):
-            raise BadInput(f"{where}: column {table.column_names[k]} does not hold numbers") from None
 
-    return recorded(layout, column, name, _about((table.schema.metadata or {}).get(METADATA), where, name))
+def _numbers(values: np.ndarray, is_time: bool) -> Array:
+    """The numbers (N,) of a column of Parquet; NaN where it holds text, as in CSV, but for numbers and times that are written as text."""
+    if values.dtype.kind in "mM":
+        return _seconds(values)
+    try:
+        return np.asarray(values, dtype=float)
+    except (ValueError, TypeError):
+        texts = [str(value) for value in values]
+        return np.array([number(text) for text in texts] if not is_time else [time_of(text) for text in texts])
 
 
 def _about(metadata: bytes | None, where: str, name: str) -> dict[str, Any] | None:
@@ -160,33 +177,22 @@ def _seconds(values: np.ndarray) -> Array:
     return seconds
 
 
-def _layout(names: list[str], where: str, columns: str | None) -> Layout:
-    try:
-        return layout_by_name(where, names)
-    except BadInput:
-        if columns is None:
-            raise
-    layout = parse_columns(columns)
-    if layout.width != len(names):
-        raise BadInput(f"{where}: has {len(names)} columns, --columns {columns} names {layout.width}")
-    return layout
-
-
 def _flat(table: "pa.Table") -> "pa.Table":
     """The table with one column a joint, in place of columns that hold a list in each row, as many loggers write them."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    flat: dict[str, Any] = {}
+    flat: list[tuple[str, Any]] = []  # a name may stand in it twice
     for field, column in zip(table.schema, table.columns, strict=True):
         kind = field.type
         lists = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
         lengths = pc.unique(pc.list_value_length(column)).drop_null().to_pylist() if lists else []
         if len(lengths) == 1:
-            flat |= {f"{field.name}_{j}": pc.list_element(column, j) for j in range(lengths[0])}
+            flat += [(f"{field.name}_{j}", pc.list_element(column, j)) for j in range(lengths[0])]
         else:
-            flat[field.name] = column
-    return pa.table(flat).replace_schema_metadata(table.schema.metadata)
+            flat.append((field.name, column))
+    names, columns = zip(*flat, strict=True)
+    return pa.Table.from_arrays(list(columns), names=list(names)).replace_schema_metadata(table.schema.metadata)
 
 
 def _context(document: Mapping[str, Any]) -> Context:

@@ -2,6 +2,7 @@
 
 import codecs
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -12,53 +13,46 @@ import numpy as np
 
 from monitor.errors import BadInput
 from monitor.identify.production.arm import ProductionRows
-from monitor.store.formats.columns import Layout, layout_by_name, parse_columns, recorded
+from monitor.store.formats.columns import Layout, layout_of, recorded
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
 _QUOTED = re.compile(r'"[^"]*"')
 _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
-COMPRESSED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, xz, zstd
 
 
-def read_text(path: Path, columns: str | None) -> ProductionRows:
+def read_text(content: bytes, where: str, columns: str | None, rate_hz: float | None = None) -> ProductionRows:
     """A recording from text, with the columns that only production needs.
 
-    columns : what stands in a file without RTDE's names. Raises BadInput where the file is none.
+    where : its path, for messages. columns, rate_hz : as `layout_of` takes them. Raises BadInput where the file is none.
     """
-    content = path.read_bytes()
     # Excel's "Unicode text" is UTF-16
     text = content.decode("utf-16" if content.startswith(_UTF_16) else "utf-8-sig", errors="replace")
-    packed = content.startswith(COMPRESSED)
-    if packed or "\0" in text[:4096]:
-        hint = "unpack it first" if packed else "export it as CSV, or as Parquet, with one column a joint and signal"
-        raise BadInput(f"{path}: is binary, and not Parquet; expected a recording as Parquet or CSV: {hint}")
+    if "\0" in text[:4096]:
+        raise BadInput(
+            f"{where}: is binary, and not Parquet; expected a recording as Parquet or CSV: export it as CSV, or as Parquet, with one "
+            f"column a joint and signal"
+        )
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if lines and _SEPARATOR.fullmatch(lines[0].strip()):
         del lines[0]
     if not lines:
-        raise BadInput(f"{path}: is empty")
+        raise BadInput(f"{where}: is empty")
     separator = _separator(lines[0])
     first = _split(lines[0], separator)
     headed = any(field and not _NUMBER.fullmatch(field) for field in first)
     body = lines[1:] if headed else lines
     if not body:
-        raise BadInput(f"{path}: holds a header and no rows")
+        raise BadInput(f"{where}: holds a header and no rows")
     if headed and separator != (of_body := _separator(body[0])) and len(_split(body[0], of_body)) == len(first):
         separator = of_body  # some files have commas in the header and another separator below it
     usual, _ = Counter(len(_split(line, separator)) for line in body[:1000]).most_common(1)[0]
-    if columns is not None:
-        layout = parse_columns(columns)
-    elif headed:
-        layout = layout_by_name(str(path), first)
-    else:
-        raise BadInput(
-            f"{path}: has no header; say what its {usual} columns are, e.g. --columns timestamp,actual_q:6,actual_qd:6,actual_current:6"
-        )
+    layout = layout_of(where, first if headed else None, usual, columns, rate_hz)
     if usual != layout.width and not (usual > layout.width and _only_padding(body, separator, layout.width)):
-        expected = f"--columns {columns} names {layout.width}" if columns is not None else f"its header names {layout.width}"
-        raise BadInput(f"{path}: rows have {usual} columns, {expected}")
-    return _recording(path, layout, body, separator)
+        counted = columns is not None and "=" not in columns
+        expected = f"--columns {columns} names {layout.width}" if counted else f"its header names {layout.width}"
+        raise BadInput(f"{where}: rows have {usual} columns, {expected}")
+    return _recording(where, layout, body, separator)
 
 
 def _separator(line: str) -> str | None:
@@ -87,26 +81,25 @@ def _only_padding(lines: Sequence[str], separator: str | None, width: int) -> bo
     return all(not any(_split(line, separator)[width:]) for line in lines[:100])
 
 
-def _recording(path: Path, layout: Layout, lines: Sequence[str], separator: str | None) -> ProductionRows:
-    rows = np.full((len(lines), layout.width), np.nan)
-    wanted, time = layout.read, layout.scalars["t_s"]
+def _recording(where: str, layout: Layout, lines: Sequence[str], separator: str | None) -> ProductionRows:
+    wanted, time = layout.read, layout.scalars.get("t_s")
+    rows = np.full((len(lines), len(wanted)), np.nan)
+    place = {k: at for at, k in enumerate(wanted)}
     for row, line in zip(rows, lines, strict=True):
         parts = _split(line, separator)
         if len(parts) < layout.width or any(parts[layout.width :]):
             continue  # torn: the fields' positions are unknown, and the last field may be cut
-        for k in wanted:
-            row[k] = _number(parts[k])
-        if np.isnan(row[time]):
-            row[time] = _unix_s(parts[time])
+        for k, at in place.items():
+            row[at] = number(parts[k]) if k != time else time_of(parts[k])
 
-    if not np.any(np.isfinite(rows[:, time])):
+    if time is not None and not np.any(np.isfinite(rows[:, place[time]])):
         written = [parts[time] for parts in (_split(line, separator) for line in lines[:100]) if len(parts) >= layout.width]
         if written and written[0] and not _NUMBER.fullmatch(written[0]):
-            raise BadInput(f"{path}: the times are no numbers, such as {written[0]!r}; expected seconds, or date and time")
-    return recorded(layout, lambda k: rows[:, k], path.name)
+            raise BadInput(f"{where}: the times are no numbers, such as {written[0]!r}; expected seconds, or date and time")
+    return recorded(layout, lambda k: rows[:, place[k]], len(rows), Path(where).name)
 
 
-def _number(text: str) -> float:
+def number(text: str) -> float:
     """A field as a number, with a decimal point or comma; NaN where it is none, so that the row counts as torn."""
     try:
         return float(text.replace(",", "."))
@@ -114,13 +107,16 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def _unix_s(text: str) -> float:
-    """A date and time as databases and spreadsheets export it, `2026-11-23T06:04:15.250Z`, in Unix time [s]; NaN where it is none.
+def time_of(text: str) -> float:
+    """A field as a time [s]: a number, or a date and time as databases and spreadsheets export it, `2026-11-23T06:04:15.250Z`.
 
-    Without a zone it counts as UTC: only differences matter.
+    Without a zone it counts as UTC: only differences matter. NaN where it is none.
     """
-    try:
-        at = datetime.fromisoformat(text)
-    except ValueError:
-        return float("nan")
-    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
+    seconds = number(text)
+    if math.isnan(seconds):
+        try:
+            at = datetime.fromisoformat(text)
+        except ValueError:
+            return float("nan")
+        return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
+    return seconds

@@ -42,6 +42,7 @@ class ListenRequest:
     robot: Robot | None  # None: as the replay's recording says
     mounting: Mounting | None  # None: likewise, else the ground
     columns: str | None = None
+    rate_hz: float | None = None  # rows a second of files that tell no time
     gains: Array | None = None  # (J,) [N·m/A]
     settings: ProductionSettings = field(default_factory=ProductionSettings)
 
@@ -55,7 +56,7 @@ def listen_to_files(
     where a file is no recording, or replay, arm and production do not belong together.
     """
     arm, source = _arm(request, load_robot)
-    listened = [read_production(local_file(path), request.columns) for path in request.files]
+    listened = [read_production(local_file(path), request.columns, request.rate_hz) for path in request.files]
     listened = [
         replace(production, recording=replace(production.recording, source=path.name))
         for production, path in zip(listened, request.files, strict=True)
@@ -131,7 +132,7 @@ def _arm(request: ListenRequest, load_robot: Callable[[str], Robot]) -> tuple[Pr
         mounting = request.mounting or _mounting_of(plain)
         found, payload_kg = identification_from_document(plain, robot, mounting, str(path)), None
     else:
-        recording = read_recording(path, request.columns)
+        recording = read_recording(path, request.columns, request.rate_hz)
         if request.robot is None and recording.context.robot is None:
             raise BadInput(f"{path}: does not say of which robot it is; say so with --robot")
         robot = request.robot or load_robot(str(recording.context.robot))

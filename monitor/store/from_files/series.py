@@ -49,6 +49,7 @@ class Series:
     robot: Robot
     mounting: Mounting = field(default_factory=Mounting)
     columns: str | None = None
+    rate_hz: float | None = None  # rows a second of files that tell no time
     gains: Array | None = None
     settings: AssessSettings = field(default_factory=AssessSettings)
 
@@ -208,7 +209,7 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
 def _read(series: Series, entry: Entry) -> tuple[Recording, Mounting]:
     """The recording with its declarations, and its mounting: the entry's, else the file's own, else the series'."""
-    recording = replace(read_recording(local_file(entry.file), series.columns), source=entry.file.name)
+    recording = replace(read_recording(local_file(entry.file), series.columns, series.rate_hz), source=entry.file.name)
     context = recording.context
     mounting = entry.mounting or series.mounting
     if entry.mounting is None and context.mounting_rad is not None:
