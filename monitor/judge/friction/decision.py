@@ -24,16 +24,31 @@ class DecisionSettings:
 
     false_alarms_per_year: float = 0.25  # α of an arm, by the bound; healthy arms have a third of it
     falls: float = 0.1  # share of them that may be falls
-    least: float = 0.01  # [log] smaller rises are not told …
+    least: float = 0.02  # [log] smaller rises are not told …
     cleared: float = 0.6  # … and one that was told is, until it is likely below this share of that
     most: float = 2.0 / 3.0  # share of the joints that a common change is of
     learning_replays: int = 10  # before so many nothing is told
+    chance: float = 0.75  # power of what chance did, as a multiple of …
+    chance_days: float = 60.0  # … R that noise of a kind of the model often reaches
+    forgotten_days: float = 365.0  # in which what chance did counts e times less
 
     def limits(self, joints_per_arm: int) -> Array:
         """(2,) A of rises and of falls [days]."""
         share = np.array([1.0 - self.falls, self.falls])
         limits: Array = 365.0 * (joints_per_arm + 1) / (self.false_alarms_per_year * share)
         return limits
+
+    def by_chance(self, peaks: Array, counted: np.ndarray) -> Array:
+        """(2, A, J) factors of A: what chance did to an arm, which is more than A allows for where its noise has no name in the model.
+
+        peaks : (2, A, J) highest R of rises and of falls that were not told. counted : (A, J) joints that are not known to be worn. A
+        change is to stand out from the other joints' changes of its sign, and from those of the other sign, the joint's own among them.
+        """
+        shown = np.where(counted, peaks, 0.0)
+        order = np.sort(shown, axis=2)
+        others = np.where(shown == order[..., -1:], order[..., -2:-1], order[..., -1:])
+        factors: Array = np.maximum(np.maximum(others, order[::-1, :, -1:]) / self.chance_days, 1.0) ** self.chance
+        return factors
 
 
 class Crossing(NamedTuple):
@@ -60,7 +75,7 @@ def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, 
     weight *= p[:, None, None].astype(np.float32)
     most = weight.sum(axis=(0, 1, 2), dtype=float)
     R, change = np.stack([most, most]) / 2.0, np.zeros(len(most))
-    near = (most.reshape(-1, J + 1) >= settings.limits(J).min()).any(axis=1)  # elsewhere the integral below is not worth its time
+    near = (most.reshape(-1, J + 1) >= settings.chance_days).any(axis=1)  # elsewhere the integral below is not worth its time
     n = np.flatnonzero(np.repeat(near, J + 1))
     if n.size:
         few, w = bank.of(n), weight[..., n]
@@ -73,17 +88,22 @@ def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, 
     return Odds(R, change, unchanged)
 
 
-def crossings(odds: Odds, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings) -> Crossing:
-    """Whose change it is. learnt : (N,) channels that are no longer new; counted : (A, J) joints that the mean is of."""
+def crossings(
+    odds: Odds, peaks: Array, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings
+) -> Crossing:
+    """Whose change it is. peaks : (2, N) R so far; learnt : (N,) channels that are no longer new; counted : (A, J) joints of the mean."""
     J = joints_per_arm
-    crossed = ((settings.limits(J)[:, None] <= odds.R) & learnt).reshape(2, -1, J + 1)
+    A = settings.limits(J)[:, None, None] * settings.by_chance(peaks.reshape(2, -1, J + 1)[..., :J], counted)
+    reached = (odds.R * learnt).reshape(2, -1, J + 1)
+    crossed = reached[..., J] >= settings.limits(J)[:, None]
     R, change, of = odds.R.reshape(2, -1, J + 1), odds.change.reshape(-1, J + 1), counted.sum(axis=1)
     part = change[:, :J] * np.sign(change[:, J:]) * counted
     half = 0.5 * np.abs(change[:, J:])  # of the mean's change
     shared = ((part >= half).sum(axis=1) >= settings.most * of) & (of > 2)
     one = half <= part / np.maximum(of, 1)[:, None]  # this joint accounts for the mean's change
-    common = crossed[..., J] & (R[..., J] >= R[..., :J].max(axis=2)) & shared
-    own = crossed[..., :J] & (~shared[:, None] | (R[..., :J] > R[..., J:])) | crossed[..., J:] & one & ~shared[:, None] & (of > 2)[:, None]
+    common = crossed & (R[..., J] >= R[..., :J].max(axis=2)) & shared
+    own = (reached[..., :J] >= A) & (~shared[:, None] | (R[..., :J] > R[..., J:]))
+    own |= (reached[..., J:] >= A) & one & ~shared[:, None] & (of > 2)[:, None]
     own &= ~common.any(axis=0)[:, None]
-    joints = np.concatenate([own, np.zeros_like(crossed[..., J:])], axis=2).reshape(2, -1)
+    joints = np.concatenate([own, np.zeros_like(own[..., :1])], axis=2).reshape(2, -1)
     return Crossing(joints[0], joints[1], common)

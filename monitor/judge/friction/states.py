@@ -19,7 +19,7 @@ from monitor.judge.drift.filter_state import saturating
 from monitor.recording import Array
 
 # w [log], ẇ [log/usual day], β [1/K], γ [1/K²], λ [1/(K/min)], ζ [log], o [log], u and its quadrature [log]; then a level a context [log]
-WEAR, RATE, SLOPE, CURVE, LAG, SETTLING, NOISE, SLOW, SLOW_TURN, LEVEL = range(10)
+WEAR, RATE, SLOPE, CURVE, CUBE, THIRD, LAG, SETTLING, NOISE, SLOW, SLOW_TURN, LEVEL = range(12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,9 @@ class Priors:
     level_std: float = 10.0  # [log] e^±10 covers every torque
     level_walk: float = 1e-4  # [log/√day] of a level: 0.2 % in a year, and no law of temperature is truer
     slope_per_k: tuple[float, float, float] = (-0.015, 0.007, 0.003)  # of viscous friction: mean, standard deviation; that of dry friction
-    curve_per_k2: tuple[float, float] = (3e-5, 3e-5)  # mean, standard deviation: the part that is dry friction does not thin
+    cube_per_k3: float = 3e-6
+    cross_per_k: float = 0.03
+    curve_per_k2: tuple[float, float] = (8e-5, 8e-5)  # mean, standard deviation: the part that is dry friction does not thin
     lag_min: tuple[float, float] = (8.0, 16.0)  # of the grease behind the motor, for h, which is about half of Ṫ: mean, standard deviation
     uneven: float = 0.35  # share of the lag's effect that differs from replay to replay: heat has several lags
     extrapolated: float = 1.0  # share of it by which the steady state is unsure
@@ -66,6 +68,8 @@ def prior_of_states(level: Array, share: Array, levels: int, priors: Priors) -> 
     P[states, states] = priors.level_std**2
     P[SLOPE, SLOPE] = (std * share) ** 2 + dry_std**2
     P[CURVE, CURVE] = priors.curve_per_k2[1] ** 2
+    P[THIRD, THIRD] = priors.cube_per_k3**2
+    P[CUBE, CUBE] = (per_k * share * priors.lag_min[1] * priors.cross_per_k) ** 2
     P[LAG, LAG] = (per_k * share * priors.lag_min[1]) ** 2
     P[SETTLING, SETTLING] = priors.settling**2
     return x, P
@@ -75,7 +79,8 @@ def row(t: Array, warming_k_per_min: Array, age_days: Array, slot: Array, levels
     """(D, N) H of a replay; noise : of o, 0 for friction itself."""
     H = np.zeros((LEVEL + levels, len(t)))
     H[WEAR] = H[SLOW] = 1.0
-    H[SLOPE], H[CURVE], H[LAG] = t, t * t, saturating(warming_k_per_min)
+    H[SLOPE], H[CURVE], H[CUBE], H[LAG] = t, t * t, t * saturating(warming_k_per_min), saturating(warming_k_per_min)
+    H[THIRD] = t**3
     H[SETTLING], H[NOISE] = np.exp(-age_days / priors.settling_days), noise
     H[LEVEL + slot, np.arange(len(t))] = 1.0
     return H

@@ -73,6 +73,7 @@ class FrictionState:
     usual_warming: Array  # (N,) mean |h(Ṫ)|
     reference_c: Array  # (N,) T0
     odds: Array  # (2, N) R
+    peaks: Array  # (2, N) highest R so far, that decays; 0 where that was found to be new grease [days]
     unchanged: Array  # (H, N) probability that nothing changed, by kind of noise: what changed is not noise
     risen: np.ndarray  # (N,) whether a rise is told, of a joint or of the mean of an arm
     fell: np.ndarray  # (N,) whose fall was told
@@ -158,6 +159,7 @@ def initial_state(observation: Observation, joints_per_arm: int, model: Friction
         usual_warming=np.zeros(N),
         reference_c=origin.copy(),
         odds=np.zeros((2, N)),
+        peaks=np.zeros((2, N)),
         unchanged=np.ones((H, N)),
         risen=np.zeros(N, dtype=bool),
         fell=np.zeros(N, dtype=bool),
@@ -185,6 +187,7 @@ def begin(state: FrictionState, new: np.ndarray, share: Array, model: FrictionMo
     state.log_evidence[:, n] = state.informed[:, n] = 0.0
     state.known[n] = state.risen[n] = state.fell[n] = False
     state.centre[n] = np.nan
+    state.peaks[:, n] = 0.0
     state.bank.forget(n)
 
 
@@ -269,6 +272,7 @@ def new_level(state: FrictionState, n: np.ndarray, var: float) -> None:
 
 def _age(state: FrictionState, days: Array, use: Array, model: FrictionModel) -> None:
     state.age_days += days
+    state.peaks *= np.exp(-days / model.decision.forgotten_days)
     state.use += use
     grow(state.x, state.P, state.bank.B, use)
     at, n = LEVEL + state.slot, np.arange(len(days))
@@ -364,7 +368,8 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
     state.odds, state.unchanged = of_change.R, of_change.unchanged
     counted = ~state.risen.reshape(-1, J + 1)[:, :J]
     learnt = seen.shown & (state.replays > model.decision.learning_replays)
-    state.told = told = crossings(of_change, learnt, counted, J, model.decision)
+    state.peaks = np.maximum(state.peaks, of_change.R * learnt)
+    state.told = told = crossings(of_change, state.peaks, learnt, counted, J, model.decision)
     mean = np.arange(N).reshape(-1, J + 1)[:, J]
     of_mean = np.zeros(N, dtype=bool)
     of_mean[mean] = told.common.any(axis=0)
@@ -373,6 +378,7 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
         absorb(state.x, state.P, state.log_evidence, state.bank, hit, state.replays + model.noise.std_replays, model.changes)
         state.p = probabilities(state.log_evidence, prior)
         only_fell = told.falls & ~told.rises
+        state.peaks[1, only_fell] = 0.0  # no chance
         of_fall = np.zeros(N, dtype=bool)
         of_fall[mean] = told.common[1] & ~told.common[0]
         state.fell |= only_fell | of_fall
