@@ -119,6 +119,12 @@ class Bank:
         v = 1.0 / (self.W[:, :, SHAPES] + 1.0 / priors.variances)
         return self.r[:, :, SHAPES] * v, v
 
+    def sizes_at(self, h: np.ndarray, c: np.ndarray, k: np.ndarray, n: np.ndarray, priors: ChangePriors) -> tuple[Array, Array]:
+        """The same of candidates by number, of each index (M,): kind of noise, place, sort, channel."""
+        shape = np.array(SHAPES)[k]
+        v = 1.0 / (self.W[h, c, shape, n] + 1.0 / priors.variances[k, 0])
+        return self.r[h, c, shape, n] * v, v
+
     def effect_now(self, use: Array) -> Array:
         """(C, 3, N) wear by now of a unit change. use : (N,) usual days so far."""
         lasted = np.maximum(use - self.born_use, 1e-3)

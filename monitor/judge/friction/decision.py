@@ -18,6 +18,9 @@ from monitor.judge.friction.changes import Bank, ChangePriors
 from monitor.recording import Array
 
 
+LEAST_SHARE = 1e-4  # of R, below which the sign of a candidate's effect is not looked at: there are some 800
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionSettings:
     """The operating point."""
@@ -45,9 +48,10 @@ class DecisionSettings:
         change is to stand out from the other joints' changes of its sign, and from those of the other sign, the joint's own among them.
         """
         shown = np.where(counted, peaks, 0.0)
-        order = np.sort(shown, axis=2)
-        others = np.where(shown == order[..., -1:], order[..., -2:-1], order[..., -1:])
-        factors: Array = np.maximum(np.maximum(others, order[::-1, :, -1:]) / self.chance_days, 1.0) ** self.chance
+        order = np.sort(np.concatenate([np.zeros_like(shown[..., :1]), shown], axis=2), axis=2)
+        most = order[..., -1:]
+        others = np.where(shown == most, order[..., -2:-1], most)
+        factors: Array = np.maximum(np.maximum(others, most[::-1]) / self.chance_days, 1.0) ** self.chance
         return factors
 
 
@@ -75,16 +79,16 @@ def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, 
     weight *= p[:, None, None].astype(np.float32)
     most = weight.sum(axis=(0, 1, 2), dtype=float)
     R, change = np.stack([most, most]) / 2.0, np.zeros(len(most))
-    near = (most.reshape(-1, J + 1) >= settings.chance_days).any(axis=1)  # elsewhere the integral below is not worth its time
-    n = np.flatnonzero(np.repeat(near, J + 1))
-    if n.size:
-        few, w = bank.of(n), weight[..., n]
-        by_now = few.effect_now(use[n])
-        size, v = few.sizes(priors)
+    near = np.repeat((most.reshape(-1, J + 1) >= settings.chance_days).any(axis=1), J + 1)  # elsewhere the sign is not worth its time
+    if near.any():
+        h, c, k, n = np.nonzero(weight > np.where(near, LEAST_SHARE * most, np.inf))
+        size, v = bank.sizes_at(h, c, k, n, priors)
+        by_now, w = bank.effect_now(use)[c, k, n], weight[h, c, k, n]
         effect, std = size * by_now, np.sqrt(v) * by_now
-        for sign, k in ((1.0, 0), (-1.0, 1)):
-            R[k, n] = (w * scipy.special.ndtr((sign * effect - settings.least) / std)).sum(axis=(0, 1, 2))
-        change[n] = (w * effect).sum(axis=(0, 1, 2)) / most[n]
+        for sign, row in ((1.0, 0), (-1.0, 1)):
+            told = np.bincount(n, w * scipy.special.ndtr((sign * effect - settings.least) / std), len(most))
+            R[row, near] = told[near]
+        change[near] = (np.bincount(n, w * effect, len(most)) / most)[near]
     return Odds(R, change, unchanged)
 
 

@@ -42,7 +42,7 @@ class NoisePriors:
         Kind(0.72, weight=0.1),
         Kind(0.82, weight=0.08),
         Kind(0.89, weight=0.05),
-        Kind(0.94, weight=0.02, alone=0.01),
+        Kind(0.94, weight=0.02),
         *(Kind(rho, steady_replays=100.0, arm_steady_replays=15.0, weight=0.05) for rho in (0.2, 0.6)),  # seasons and weather
         *(Kind(rho, kappa, weight=0.02, alone=0.01) for rho, kappa in ((0.4, 0.4), (0.1, 1.0), (0.6, 1.0))),  # wandering
         *(Kind(rho, 0.7, 1000.0, 365.0, weight=0.01, alone=0.1) for rho in (0.0, 0.25, 0.5, 0.75)),  # swinging with the year

@@ -3,9 +3,9 @@
 With y = log F at the reference speed, t the distance of the temperature T from that of the first replay (`viscous_distance`), Ṫ the rate at
 which the joint warms, and s the days since the joint was new:
 
-    y = level_c + w + β·t + γ·t² + λ·h(Ṫ) + ζ·e^(−s/30 d) + o + u + ε,      w⁺ = w + e^(−w)·ẇ·Δ
+    y = level_c + w + β·t + γ·t² + δ·t³ + (λ + μ·t)·h(Ṫ) + ζ·e^(−s/30 d) + o + u + ε,      w⁺ = w + e^(−w)·ẇ·Δ
 
-level_c of context c is unknown; wear w and its rate ẇ are 0 until a change makes them otherwise (`changes`). β, γ and λ have the priors of
+level_c of context c is unknown; wear w and its rate ẇ are 0 until a change makes them otherwise (`changes`). β … μ have the priors of
 the robot family, ζ is running-in. o and u are noise between replays (`noise`), ε the noise within one, of the variance that its fit tells.
 
 Shapes: H kinds of noise, D states, N channels (the joints of each arm, then the mean of the arm), which are last: steps run along them.
@@ -18,8 +18,8 @@ import numpy as np
 from monitor.judge.drift.filter_state import saturating
 from monitor.recording import Array
 
-# w [log], ẇ [log/usual day], β [1/K], γ [1/K²], λ [1/(K/min)], ζ [log], o [log], u and its quadrature [log]; then a level a context [log]
-WEAR, RATE, SLOPE, CURVE, CUBE, THIRD, LAG, SETTLING, NOISE, SLOW, SLOW_TURN, LEVEL = range(12)
+# w [log], ẇ [log/usual day], β [1/K], γ [1/K²], δ [1/K³], λ [1/(K/min)], μ [1/(K²/min)], ζ [log], o [log], u and its quadrature [log]; then a level a context [log]
+WEAR, RATE, SLOPE, CURVE, CUBE, LAG, COLD_LAG, SETTLING, NOISE, SLOW, SLOW_TURN, LEVEL = range(12)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,9 +29,9 @@ class Priors:
     level_std: float = 10.0  # [log] e^±10 covers every torque
     level_walk: float = 1e-4  # [log/√day] of a level: 0.2 % in a year, and no law of temperature is truer
     slope_per_k: tuple[float, float, float] = (-0.015, 0.007, 0.003)  # of viscous friction: mean, standard deviation; that of dry friction
-    cube_per_k3: float = 3e-6
-    cross_per_k: float = 0.03
     curve_per_k2: tuple[float, float] = (8e-5, 8e-5)  # mean, standard deviation: the part that is dry friction does not thin
+    cube_per_k3: float = 3e-6  # standard deviation: 1 % at 15 K, as laws of greases and mixed films differ
+    cold_lag_per_k: float = 0.03  # standard deviation of the share by which the lag's effect differs, 1 K away
     lag_min: tuple[float, float] = (8.0, 16.0)  # of the grease behind the motor, for h, which is about half of Ṫ: mean, standard deviation
     uneven: float = 0.35  # share of the lag's effect that differs from replay to replay: heat has several lags
     extrapolated: float = 1.0  # share of it by which the steady state is unsure
@@ -68,9 +68,9 @@ def prior_of_states(level: Array, share: Array, levels: int, priors: Priors) -> 
     P[states, states] = priors.level_std**2
     P[SLOPE, SLOPE] = (std * share) ** 2 + dry_std**2
     P[CURVE, CURVE] = priors.curve_per_k2[1] ** 2
-    P[THIRD, THIRD] = priors.cube_per_k3**2
-    P[CUBE, CUBE] = (per_k * share * priors.lag_min[1] * priors.cross_per_k) ** 2
+    P[CUBE, CUBE] = priors.cube_per_k3**2
     P[LAG, LAG] = (per_k * share * priors.lag_min[1]) ** 2
+    P[COLD_LAG, COLD_LAG] = P[LAG, LAG] * priors.cold_lag_per_k**2
     P[SETTLING, SETTLING] = priors.settling**2
     return x, P
 
@@ -79,8 +79,8 @@ def row(t: Array, warming_k_per_min: Array, age_days: Array, slot: Array, levels
     """(D, N) H of a replay; noise : of o, 0 for friction itself."""
     H = np.zeros((LEVEL + levels, len(t)))
     H[WEAR] = H[SLOW] = 1.0
-    H[SLOPE], H[CURVE], H[CUBE], H[LAG] = t, t * t, t * saturating(warming_k_per_min), saturating(warming_k_per_min)
-    H[THIRD] = t**3
+    h = saturating(warming_k_per_min)
+    H[SLOPE], H[CURVE], H[CUBE], H[LAG], H[COLD_LAG] = t, t**2, t**3, h, t * h
     H[SETTLING], H[NOISE] = np.exp(-age_days / priors.settling_days), noise
     H[LEVEL + slot, np.arange(len(t))] = 1.0
     return H
