@@ -101,6 +101,39 @@ def log_density(e, S):
     return -0.5 * (np.linalg.slogdet(S)[1] + e @ np.linalg.solve(S, e))
 
 
+PEAKS = st.lists(st.floats(0.0, 1e9), min_size=2 * J, max_size=2 * J)
+
+
+@given(PEAKS, PEAKS, st.integers(0, J - 1), st.lists(st.booleans(), min_size=J, max_size=J))
+def test_a_change_is_to_stand_out_from_what_chance_did_to_the_other_joints_and_in_the_other_direction(less, more, j, counted):
+    decision = DecisionSettings()
+    before, counted = np.array(less).reshape(2, 1, J), np.array([counted])
+    factors = decision.by_chance(before, counted)
+    assert (factors >= 1.0).all()
+    own = before.copy()
+    own[0, 0, j] = 1e12  # its own rise
+    assert decision.by_chance(own, counted)[0, 0, j] == factors[0, 0, j]
+    after = np.maximum(before, np.array(more).reshape(2, 1, J))
+    assert (decision.by_chance(after, counted) >= factors).all()
+    assert (decision.by_chance(before, np.zeros_like(counted)) == 1.0).all()  # of joints that are known to be worn nothing is chance
+
+
+def test_the_first_winter_is_no_wear_though_grease_thickens_as_no_law_of_the_model_says():
+    rng, days, A = np.random.default_rng(3), 300, 12
+    season = 34.0 - 20.0 * np.sin(np.pi * np.clip(np.arange(days) - 150, 0, 150) / 150)  # °C: summer, then down to 14 in the first winter
+    T = season[:, None] + 3.0 * rng.normal(size=(days, A * J))
+    thickness = np.exp(4500.0 * (1.0 / (273.0 + T) - 1.0 / 303.0))  # Arrhenius: 5 % a kelvin
+    share = rng.uniform(0.3, 0.6, A * J)
+    y = np.log(1.0 - share + share * thickness) + noise(rng, days, A * J, std=0.006)
+    told = np.zeros(A * (J + 1), dtype=bool)
+
+    def every(day, state):
+        told[:] |= state.risen
+
+    lived(y, FrictionModel(), temperature_c=T, every=every)
+    assert told.sum() <= 1
+
+
 def test_a_kinds_filter_is_that_of_filterpy():
     from filterpy.kalman import predict, update
 

@@ -17,7 +17,6 @@ import scipy
 from monitor.judge.friction.changes import Bank, ChangePriors
 from monitor.recording import Array
 
-
 LEAST_SHARE = 1e-4  # of R, below which the sign of a candidate's effect is not looked at: there are some 800
 
 

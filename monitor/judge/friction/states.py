@@ -18,7 +18,8 @@ import numpy as np
 from monitor.judge.drift.filter_state import saturating
 from monitor.recording import Array
 
-# w [log], ẇ [log/usual day], β [1/K], γ [1/K²], δ [1/K³], λ [1/(K/min)], μ [1/(K²/min)], ζ [log], o [log], u and its quadrature [log]; then a level a context [log]
+# w [log], ẇ [log/usual day], β [1/K], γ [1/K²], δ [1/K³], λ [1/(K/min)], μ [1/(K²/min)], ζ [log], o [log], u and its quadrature [log];
+# then a level a context [log]
 WEAR, RATE, SLOPE, CURVE, CUBE, LAG, COLD_LAG, SETTLING, NOISE, SLOW, SLOW_TURN, LEVEL = range(12)
 
 
