@@ -1,6 +1,7 @@
 """The model that judges friction: its algebra against dense linear algebra and filterpy, its promise of false alarms, its cases."""
 
 import doctest
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from monitor.judge.friction.decision import DecisionSettings
 from monitor.judge.friction.noise import Kind, NoisePriors
 from monitor.judge.friction.posterior import Mixture
 from monitor.judge.friction.states import LEVEL, NOISE, RATE, WEAR, Priors, row, viscous_distance
-from monitor.judge.friction.step import FrictionModel, initial_state, step
+from monitor.judge.friction.step import FrictionModel, initial_state, may_have_moved, refer, rescale_use, step
 
 STEADY = Kind(0.5, kappa=0.0, steady_replays=1e9, arm_steady_replays=1e9, weight=1.0)
 J = 6
@@ -320,3 +321,97 @@ def test_whatever_a_replay_holds_the_state_stays_finite(joints):
     mean, var = state.friction(state.reference_c, model).moments()
     assert np.isfinite(mean).all()
     assert (var[state.joints] > 0.0).all()
+
+
+def worked(rng, *, wear=0.0, of_production=0.0, days=260, onset=200, every=30):
+    """Four arms that replay every 30 days and work every day, and what was told of the first joint of the first, day by day."""
+    A, model = 4, FrictionModel()
+    replays, work = noise(rng, days, A * J, std=0.012), noise(rng, days, A * J, std=0.015) + 0.3
+    for each, more in ((replays, wear), (work, wear + of_production)):
+        each[onset:, 0] += more
+    state, told, last = initial_state(seen(replays[0]), J, model, levels=2), [], 0
+    for day in range(days):
+        if day < 30 or day % every == 0:
+            state = step(state, seen(replays[day]), np.full(A, float(day - last)), model, in_place=True)
+            last = day
+        state = step(
+            state, seen(work[day]), np.full(A, 0.5 if last == day else float(day + 0.5 - last)), model, production=True, in_place=True
+        )
+        last = day + 0.5
+        told.append((bool(state.risen[0]), bool(state.unconfirmed[0]), bool(np.delete(state.risen, 0).any())))
+    return np.array(told)
+
+
+def test_production_finds_between_rare_replays_what_a_joint_has_lost_and_says_that_no_replay_has_confirmed_it():
+    told = worked(np.random.default_rng(5), wear=0.08)
+    first = int(np.argmax(told[:, 0]))
+    assert 200 <= first <= 210  # the next replay is on day 210
+    assert told[first, 1]
+    assert told[-1, 0]
+    assert not told[-1, 1]
+    assert not told[:, 2].any()
+
+
+def test_a_replay_takes_back_what_production_alone_has_found():
+    told = worked(np.random.default_rng(6), of_production=0.08)
+    assert told[205:210, 0].any()
+    assert not told[-1, 0]
+    assert not told[:, 2].any()
+
+
+def test_what_was_found_says_when_it_began_whether_at_once_and_by_which_odds():
+    rng, days = np.random.default_rng(8), 260
+    y = noise(rng, days, 2 * J, std=0.01)
+    y[150:, 2] += 0.10
+    y[60:, J + 3] += 0.30 / 365.0 * np.arange(days - 60)
+    found = {}
+
+    def every(day, state):
+        for n in np.flatnonzero(state.told.rises):
+            found.setdefault(int(n), (day, deepcopy(state.found)))
+
+    lived(y, FrictionModel(), every=every)
+    (day, step_), (later, slow) = found[2], found[J + 1 + 3]
+    assert day - step_.began_days[2] == pytest.approx(150, abs=2.0)
+    assert step_.at_once[2] > 0.7
+    assert step_.odds[2] >= step_.needed[2] >= DecisionSettings().limits(J)[0]
+    n = J + 1 + 3
+    assert abs(later - slow.began_days[n] - 60) <= 3.0 * slow.began_std[n] + 5.0
+    assert slow.at_once[n] < 0.5
+
+
+def test_of_a_joint_that_was_worked_on_nothing_is_told_until_its_friction_is_known_and_what_it_was_before_proves_nothing():
+    rng, days, model = np.random.default_rng(9), 140, FrictionModel()
+    y = noise(rng, days, J, std=0.01)
+    y[100:, 1] -= 0.20
+    y[130:, 1] += 0.10
+    state = initial_state(seen(y[0]), J, model)
+    for day in range(days):
+        if day == 100:
+            may_have_moved(state, np.array([1]), model)
+        waiting = np.arange(J) == 1 if 100 <= day < 105 else None
+        state = step(state, seen(y[day]), np.array([float(day > 0)]), model, awaiting_proof=waiting, in_place=True)
+        if day == 104:
+            assert not state.risen.any()
+            wear, var = state.wear(model).moments()
+            assert abs(wear[1] + 0.20) < 3.0 * np.sqrt(var[1])
+            refer(state, np.array([1]))
+    assert np.flatnonzero(state.risen).tolist() == [1]  # it counts from the friction after the work
+    wear, var = state.wear(model).moments()
+    assert abs(wear[1] - 0.10) < 3.0 * np.sqrt(var[1])
+
+
+@given(st.floats(0.2, 5.0))
+@settings(max_examples=10, deadline=None)
+def test_a_usual_day_of_twice_the_use_wears_twice_as_much(factor):
+    rng, model = np.random.default_rng(10), FrictionModel()
+    y = noise(rng, 200, J, std=0.005)
+    y[60:, 0] += 0.3 / 365.0 * np.arange(140)
+    state = lived(y, model)
+    ahead, other = deepcopy(state), deepcopy(state)
+    rescale_use(other, np.full(J + 1, factor))
+    nothing = seen(np.full(J, np.nan))
+    ahead = step(ahead, nothing, np.array([10.0]), model)
+    other = step(other, nothing, np.array([10.0]), model, use=np.full(J, 10.0 / factor))
+    np.testing.assert_allclose(other.x[:, WEAR], ahead.x[:, WEAR], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(other.P[:, WEAR, WEAR], ahead.P[:, WEAR, WEAR], rtol=1e-5, atol=1e-12)

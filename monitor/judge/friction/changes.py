@@ -48,7 +48,8 @@ class Bank:
     W: Array  # (H, C, 2, N) Σ w·g²/S
     days: Array  # (C, N) on which each may have begun
     born: np.ndarray  # (C,) number of the replay; −1: an empty place
-    born_use: Array  # (C, N) usual days since the channel began
+    born_use: Array  # (C, N) usual days since the channel began …
+    born_days: Array  # … and its age [days] then
 
     @classmethod
     def empty(cls, kinds: int, channels: int, states: int, priors: ChangePriors) -> "Bank":
@@ -62,16 +63,17 @@ class Bank:
             days=np.zeros((C, N)),
             born=np.full(C, -1),
             born_use=np.zeros((C, N)),
+            born_days=np.zeros((C, N)),
         )
 
     def forget(self, n: np.ndarray) -> None:
         """No candidate of the channels n (N,)."""
         self.days[:, n] = self.r[..., n] = self.I[..., n] = self.W[..., n] = self.B[..., n] = 0.0
 
-    def add(self, number: int, days: Array, use: Array) -> None:
+    def add(self, number: int, days: Array, use: Array, age_days: Array) -> None:
         """A candidate that begins with the replay of that number. days : (N,) since the replay before; use : (N,) usual days so far."""
         i = self._place(number)
-        self.born[i], self.days[i], self.born_use[i] = number, days, use
+        self.born[i], self.days[i], self.born_use[i], self.born_days[i] = number, days, use, age_days
         self.r[:, i] = self.I[:, i] = self.W[:, i] = self.B[:, :, i] = 0.0
         self.B[:, WEAR, i, STEP] = self.B[:, RATE, i, NEW_RATE] = 1.0
 
@@ -132,8 +134,8 @@ class Bank:
 
     def of(self, n: np.ndarray) -> "Bank":
         """The candidates of the channels n."""
-        each = self.B[..., n], self.r[..., n], self.I[..., n], self.W[..., n], self.days[:, n], self.born, self.born_use[:, n]
-        return Bank(**dict(zip(("B", "r", "I", "W", "days", "born", "born_use"), each, strict=True)))
+        each = {name: getattr(self, name)[..., n] for name in ("B", "r", "I", "W", "days", "born_use", "born_days")}
+        return Bank(born=self.born, **each)
 
 
 def absorb(x: Array, P: Array, log_evidence: Array, bank: Bank, n: np.ndarray, replays: Array, priors: ChangePriors) -> None:

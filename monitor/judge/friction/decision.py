@@ -53,6 +53,14 @@ class DecisionSettings:
         factors: Array = np.maximum(np.maximum(others, most[::-1]) / self.chance_days, 1.0) ** self.chance
         return factors
 
+    def needed(self, peaks: Array, counted: np.ndarray, joints_per_arm: int) -> Array:
+        """(2, N) R from which a rise and a fall are found [days]. peaks : (2, N); counted : (A, J)."""
+        J = joints_per_arm
+        A = np.broadcast_to(self.limits(J)[:, None, None], (2, len(counted), J + 1)).copy()
+        A[..., :J] *= self.by_chance(peaks.reshape(2, -1, J + 1)[..., :J], counted)
+        each: Array = A.reshape(2, -1)
+        return each
+
 
 class Crossing(NamedTuple):
     """Whose change was found with this replay."""
@@ -96,9 +104,8 @@ def crossings(
 ) -> Crossing:
     """Whose change it is. peaks : (2, N) R so far; learnt : (N,) channels that are no longer new; counted : (A, J) joints of the mean."""
     J = joints_per_arm
-    A = settings.limits(J)[:, None, None] * settings.by_chance(peaks.reshape(2, -1, J + 1)[..., :J], counted)
-    reached = (odds.R * learnt).reshape(2, -1, J + 1)
-    crossed = reached[..., J] >= settings.limits(J)[:, None]
+    needed, reached = settings.needed(peaks, counted, J).reshape(2, -1, J + 1), (odds.R * learnt).reshape(2, -1, J + 1)
+    A, crossed = needed[..., :J], reached[..., J] >= needed[..., J]
     R, change, of = odds.R.reshape(2, -1, J + 1), odds.change.reshape(-1, J + 1), counted.sum(axis=1)
     part = change[:, :J] * np.sign(change[:, J:]) * counted
     half = 0.5 * np.abs(change[:, J:])  # of the mean's change

@@ -39,6 +39,11 @@ class Priors:
     settling: float = 0.05  # [log] running-in …
     settling_days: float = 30.0  # … is over within some such times
     context_std: float = 1.0  # [log] by which the level of another context differs
+    work_std: float = 0.5  # [log] by which work on a joint may move its friction: one of +60 % that is as new again is one of these
+    other_grease: float = 0.15  # share of the slope by which that of another grease differs
+    production_std: float = 0.02  # [log] of an observation from production …
+    production_lasts: float = 3.0  # … whose noise is that of so many fewer observations: it lasts for days
+    production_walk: float = 1e-3  # [log/√day] of production's level: 2 % in a year, as production changes little by little
     unknown_temperature_k: float = 5.0  # standard deviation of a temperature that nobody measured, about the joint's usual one
 
 

@@ -13,6 +13,7 @@ from monitor.judge.drift.filter_state import saturating
 from monitor.judge.drift.observation import VISCOUS_SHARE, Observation
 from monitor.judge.friction.changes import Bank, ChangePriors, absorb
 from monitor.judge.friction.decision import Crossing, DecisionSettings, crossings, odds
+from monitor.judge.friction.found import Found, nothing_found, remember_found
 from monitor.judge.friction.noise import NoisePriors, first_scale, follow_scale, pass_time, prior_by_arm, probabilities
 from monitor.judge.friction.posterior import Mixture, mixture
 from monitor.judge.friction.states import (
@@ -78,6 +79,10 @@ class FrictionState:
     risen: np.ndarray  # (N,) whether a rise is told, of a joint or of the mean of an arm
     fell: np.ndarray  # (N,) whose fall was told
     moved: Array  # (N,) log of what was moved out of wear into the level, since the beginning
+    production_var: Array  # (N,) σ² of observations from production, which have a level of their own: the last one
+    periods: Array  # (N,) of production that the channel has learnt from
+    unconfirmed: np.ndarray  # (N,) whose rise production alone has found
+    found: Found  # of each channel's last change that was found
     told: Crossing
 
     @property
@@ -164,6 +169,10 @@ def initial_state(observation: Observation, joints_per_arm: int, model: Friction
         risen=np.zeros(N, dtype=bool),
         fell=np.zeros(N, dtype=bool),
         moved=np.zeros(N),
+        production_var=np.full(N, model.states.production_std**2),
+        periods=np.zeros(N),
+        unconfirmed=np.zeros(N, dtype=bool),
+        found=nothing_found(N),
         told=Crossing(np.zeros(N, dtype=bool), np.zeros(N, dtype=bool), np.zeros((2, A), dtype=bool)),
     )
     share = np.where(np.isfinite(observation.viscous_share), observation.viscous_share, VISCOUS_SHARE).reshape(A, J)
@@ -182,10 +191,12 @@ def begin(state: FrictionState, new: np.ndarray, share: Array, model: FrictionMo
     state.P[:, NOISE, NOISE, n] = state.scale[:, n]
     slow = model.noise.column("kappa") ** 2 * state.scale[:, n]
     state.P[:, SLOW, SLOW, n] = state.P[:, SLOW_TURN, SLOW_TURN, n] = slow
-    for each in (state.replays, state.age_days, state.use, state.moved):
+    state.found.odds[n] = 0.0
+    for each in (state.replays, state.periods, state.age_days, state.use, state.moved):
         each[n] = 0.0
     state.log_evidence[:, n] = state.informed[:, n] = 0.0
-    state.known[n] = state.risen[n] = state.fell[n] = False
+    state.known[n] = state.risen[n] = state.fell[n] = state.unconfirmed[n] = False
+    state.production_var[n] = model.states.production_std**2
     state.centre[n] = np.nan
     state.peaks[:, n] = 0.0
     state.bank.forget(n)
@@ -201,15 +212,20 @@ def step(
     slot: np.ndarray | None = None,
     opened: np.ndarray | None = None,
     replaced: np.ndarray | None = None,
+    awaiting_proof: np.ndarray | None = None,
     withheld: np.ndarray | None = None,
     use: Array | None = None,
+    production: bool = False,
     in_place: bool = False,
 ) -> FrictionState:
     """One replay of every arm: the state after it. `told` says whose change was found, `odds` how far R is from the threshold.
 
     observation : (A·J,) each. days : (A,) since an arm's last replay. replayed, opened, withheld : (A,) arms that replayed; in a context
-    whose level is unknown; of whose replay nothing is learnt. slot : (A,) of contexts. replaced : (A·J,) joints. use : (A·J,) usual days.
-    in_place : the state given is used up, which saves a fleet the copy. Raises ValueError where days are negative or unknown.
+    whose level is unknown; of whose replay nothing is learnt. slot : (A,) of contexts. replaced : (A·J,) joints. awaiting_proof : (A·J,)
+    joints of which nothing is told, see `may_have_moved`. use : (A·J,) usual days.
+    production : it is no replay, but what normal work tells: of a level of its own, the last of `levels`, and of noise of its own; `opened`
+    is of that level. It finds rises of single joints alone. in_place : the state given is used up, which saves a fleet the copy.
+    Raises ValueError where days are negative or unknown.
 
     Judging a fleet of your own, here three arms of which joint 2 of arm 2 steps by 20 % on day 40:
 
@@ -246,7 +262,10 @@ def step(
     J = state.joints_per_arm
     A = len(days)
     here = np.ones(A, dtype=bool) if replayed is None else replayed
-    if slot is not None:
+    of_replays = state.slot
+    if production:
+        state.slot = np.full(len(of_replays), state.x.shape[1] - LEVEL - 1)
+    elif slot is not None:
         state.slot = np.repeat(np.where(here, slot, state.slot[:: J + 1]), J + 1)
     if replaced is not None and replaced.any():
         share = np.full((A, J), VISCOUS_SHARE)
@@ -258,9 +277,14 @@ def step(
     usual = elapsed if use is None else _beside(use.reshape(A, J), use.reshape(A, J).mean(axis=1, keepdims=True))
     _age(state, elapsed, np.where(elapsed > 0, usual, 0.0), model)
     seen = _seen(state, observation, shown)
-    _remember(state, seen)
-    _learn(state, seen, model)
-    return _judge(state, seen, model)
+    if not production:
+        _remember(state, seen)
+    _learn(state, seen, model, production)
+    waiting = np.zeros(A * J, dtype=bool) if awaiting_proof is None else awaiting_proof
+    _judge(state, seen, model, production, _beside(waiting.reshape(A, J), np.zeros((A, 1), dtype=bool)))
+    if production:
+        state.slot = of_replays
+    return state
 
 
 def new_level(state: FrictionState, n: np.ndarray, var: float) -> None:
@@ -272,13 +296,16 @@ def new_level(state: FrictionState, n: np.ndarray, var: float) -> None:
 
 def _age(state: FrictionState, days: Array, use: Array, model: FrictionModel) -> None:
     state.age_days += days
+    state.found.ago_days[:] += days
     state.peaks *= np.exp(-days / model.decision.forgotten_days)
     state.use += use
     grow(state.x, state.P, state.bank.B, use)
     at, n = LEVEL + state.slot, np.arange(len(days))
     state.P[:, at, at, n] += model.states.level_walk**2 * days
+    if state.x.shape[1] - LEVEL > 1:
+        state.P[:, -1, -1] += model.states.production_walk**2 * days
     pass_time(state.x, state.P, state.bank.B, state.scale, days, model.noise)
-    state.bank.add(state.number, np.where(state.number == 0, 1.0, days), state.use)
+    state.bank.add(state.number, np.where(state.number == 0, 1.0, days), state.use, state.age_days)
     state.number += 1
 
 
@@ -327,7 +354,7 @@ def _remember(state: FrictionState, seen: Seen) -> None:
     state.reference_c += np.where(settling, (T - state.reference_c) / (state.replays + 1.0), 0.0)
 
 
-def _learn(state: FrictionState, seen: Seen, model: FrictionModel) -> None:
+def _learn(state: FrictionState, seen: Seen, model: FrictionModel, production: bool) -> None:
     """Every kind of noise learns from the replay for itself, as if nothing changed, and the candidates see what that leaves; in place."""
     x, P, shown = state.x, state.P, seen.shown
     levels = x.shape[1] - LEVEL
@@ -335,12 +362,14 @@ def _learn(state: FrictionState, seen: Seen, model: FrictionModel) -> None:
     at = LEVEL + state.slot[new]
     x[:, at, new] = np.where(state.replays[new] == 0, seen.y[new], x[:, at, new])
     state.known[new, state.slot[new]] = True
-    H = row(seen.t, seen.warming, state.age_days, state.slot, levels, model.states)
+    H = row(seen.t, seen.warming, state.age_days, state.slot, levels, model.states, noise=float(not production))
     lag = H[LAG] * (state.p * x[:, LAG]).sum(axis=0)
     var = np.maximum(seen.variance, LEAST_VARIANCE) + (model.states.uneven * lag) ** 2
+    of_production = model.states.production_lasts * state.production_var if production else np.zeros_like(var)
+    var += of_production
     Ph = np.einsum("hijn,jn->hin", P, H)
     S = np.einsum("hin,in->hn", Ph, H) + var
-    noise = P[:, NOISE, NOISE].copy()
+    noise = of_production + np.zeros_like(S) if production else P[:, NOISE, NOISE].copy()
     e = np.where(shown, seen.y, 0.0) - np.einsum("hin,in->hn", x, H)
     root = np.sqrt(S)
     z = e / root
@@ -353,13 +382,18 @@ def _learn(state: FrictionState, seen: Seen, model: FrictionModel) -> None:
     for h in range(len(P)):
         P[h] -= (w[h] * K[h])[:, None] * Ph[h]
     state.bank.learn(H, K, e, S, w, shown)
-    state.replays += shown
     told = np.minimum(noise / S, 1.0) * state.unchanged * shown  # share of the innovation's variance that is noise between replays
+    if production:
+        off = (state.p * told * (psi**2 - 1.0)).sum(axis=0) / (model.noise.std_replays + state.periods)
+        state.production_var *= np.exp(np.clip(off, -1.0, 1.0))
+        state.periods += shown
+        return
+    state.replays += shown
     state.informed += told
     state.scale = follow_scale(state.scale, state.informed, psi**2 - 1.0, told, state.joints_per_arm, model.noise)
 
 
-def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionState:
+def _judge(state: FrictionState, seen: Seen, model: FrictionModel, production: bool, waiting: np.ndarray) -> None:
     """Whether a change was found, in place; what was found becomes part of the filters."""
     J, N = state.joints_per_arm, len(state.replays)
     prior = prior_by_arm(state.log_evidence, J, model.noise)
@@ -367,16 +401,36 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
     of_change = odds(state.p, state.bank, state.replays + model.noise.std_replays, state.use, J, model.changes, model.decision)
     state.odds, state.unchanged = of_change.R, of_change.unchanged
     counted = ~state.risen.reshape(-1, J + 1)[:, :J]
-    learnt = seen.shown & (state.replays > model.decision.learning_replays)
+    learnt = seen.shown & (state.replays > model.decision.learning_replays) & ~waiting
     state.peaks = np.maximum(state.peaks, of_change.R * learnt)
-    state.told = told = crossings(of_change, state.peaks, learnt, counted, J, model.decision)
+    told = crossings(of_change, state.peaks, learnt, counted, J, model.decision)
+    if production:  # what joints do together, and what falls, is for replays to say
+        told = told._replace(falls=np.zeros_like(told.falls), common=np.zeros_like(told.common))
+    else:
+        state.unconfirmed &= ~seen.shown
+    state.told = told
     mean = np.arange(N).reshape(-1, J + 1)[:, J]
     of_mean = np.zeros(N, dtype=bool)
     of_mean[mean] = told.common.any(axis=0)
     hit = np.flatnonzero(told.rises | told.falls | of_mean)
     if hit.size:
+        before = state.x[:, WEAR, hit].copy()
+        needed = model.decision.needed(state.peaks, counted, J)
+        remember_found(
+            state.found,
+            hit,
+            of_change.R,
+            needed,
+            state.p,
+            state.bank,
+            state.replays + model.noise.std_replays,
+            state.age_days,
+            model.changes,
+        )
         absorb(state.x, state.P, state.log_evidence, state.bank, hit, state.replays + model.noise.std_replays, model.changes)
         state.p = probabilities(state.log_evidence, prior)
+        if production:
+            _doubt(state, hit, before)
         only_fell = told.falls & ~told.rises
         state.peaks[1, only_fell] = 0.0  # no chance
         of_fall = np.zeros(N, dtype=bool)
@@ -387,10 +441,17 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel) -> FrictionSt
         new_level(state, together, model.changes.steps_std[1] ** 2)
         arms = (told.rises | told.falls).reshape(-1, J + 1).any(axis=1)  # the mean is of other joints, or of another level, from now on
         new_level(state, mean[arms], model.changes.steps_std[1] ** 2)
-    before, state.risen = state.risen, _told(state, model.decision)
-    back = (before & ~state.risen & state.joints).reshape(-1, J + 1).any(axis=1)  # the mean is of these joints again
+    previously, state.risen = state.risen, np.where(waiting, state.risen, _told(state, model.decision))
+    back = (previously & ~state.risen & state.joints).reshape(-1, J + 1).any(axis=1)  # the mean is of these joints again
     new_level(state, mean[back], model.changes.steps_std[1] ** 2)
-    return state
+
+
+def _doubt(state: FrictionState, n: np.ndarray, before: Array) -> None:
+    """What production alone has found in the channels n may as well be of production itself: either is as likely, until a replay tells."""
+    found = 0.5 * (state.x[:, WEAR, n] - before)
+    for i, j, sign in ((WEAR, WEAR, 1.0), (WEAR, -1, -1.0), (-1, WEAR, -1.0), (-1, -1, 1.0)):
+        state.P[:, i, j, n] += sign * found**2
+    state.unconfirmed[n] = True
 
 
 def _told(state: FrictionState, settings: DecisionSettings) -> np.ndarray:
@@ -401,6 +462,25 @@ def _told(state: FrictionState, settings: DecisionSettings) -> np.ndarray:
     risen = np.zeros(len(state.replays), dtype=bool)
     risen[changed] = (state.p[:, changed] * scipy.special.ndtr((w - least) / std)).sum(axis=0) >= 0.5
     return risen
+
+
+def may_have_moved(state: FrictionState, n: np.ndarray, model: FrictionModel) -> None:
+    """Somebody has worked on the joints n, in place: their friction may be any now, and the slope of new grease another.
+
+    Replays show what it is; until then nothing is to be told of them. `refer` makes what they show the level that wear counts from.
+    """
+    slope = state.x[:, SLOPE, n] * model.states.other_grease
+    state.P[:, WEAR, WEAR, n] += model.states.work_std**2
+    state.P[:, SLOPE, SLOPE, n] += slope**2
+    state.bank.forget(n)
+
+
+def rescale_use(state: FrictionState, factor: Array) -> None:
+    """A usual day is `factor` (N,) times as much use as before, in place: so is a rate of wear, which is that of a usual day."""
+    state.x[:, RATE] *= factor
+    state.P[:, RATE] *= factor
+    state.P[:, :, RATE] *= factor
+    state.bank.B[:, RATE] *= factor.astype(np.float32)
 
 
 def refer(state: FrictionState, n: np.ndarray) -> None:
