@@ -107,16 +107,16 @@ PEAKS = st.lists(st.floats(0.0, 1e9), min_size=2 * J, max_size=2 * J)
 
 @given(PEAKS, PEAKS, st.integers(0, J - 1), st.lists(st.booleans(), min_size=J, max_size=J))
 def test_a_change_is_to_stand_out_from_what_chance_did_to_the_other_joints_and_in_the_other_direction(less, more, j, counted):
-    decision = DecisionSettings()
+    decision, age = DecisionSettings(), np.full((1, 1, J), 100.0)
     before, counted = np.array(less).reshape(2, 1, J), np.array([counted])
-    factors = decision.by_chance(before, counted)
+    factors = decision.by_chance(before, counted, age)
     assert (factors >= 1.0).all()
     own = before.copy()
     own[0, 0, j] = 1e12  # its own rise
-    assert decision.by_chance(own, counted)[0, 0, j] == factors[0, 0, j]
+    assert decision.by_chance(own, counted, age)[0, 0, j] == factors[0, 0, j]
     after = np.maximum(before, np.array(more).reshape(2, 1, J))
-    assert (decision.by_chance(after, counted) >= factors).all()
-    assert (decision.by_chance(before, np.zeros_like(counted)) == 1.0).all()  # of joints that are known to be worn nothing is chance
+    assert (decision.by_chance(after, counted, age) >= factors).all()
+    assert (decision.by_chance(before, np.zeros_like(counted), age) == 1.0).all()  # of joints that are known to be worn nothing is chance
 
 
 def test_the_first_winter_is_no_wear_though_grease_thickens_as_no_law_of_the_model_says():
@@ -372,7 +372,7 @@ def test_what_was_found_says_when_it_began_whether_at_once_and_by_which_odds():
 
     lived(y, FrictionModel(), every=every)
     (day, step_), (later, slow) = found[2], found[J + 1 + 3]
-    assert day - step_.began_days[2] == pytest.approx(150, abs=2.0)
+    assert abs(day - step_.began_days[2] - 150) <= 3.0 * step_.began_std[2] + 1.0 < 15.0
     assert step_.at_once[2] > 0.7
     assert step_.odds[2] >= step_.needed[2] >= DecisionSettings().limits(J)[0]
     n = J + 1 + 3

@@ -30,8 +30,8 @@ class DecisionSettings:
     cleared: float = 0.6  # … and one that was told is, until it is likely below this share of that
     most: float = 2.0 / 3.0  # share of the joints that a common change is of
     learning_replays: int = 10  # before so many nothing is told
-    chance: float = 0.75  # power of what chance did, as a multiple of …
-    chance_days: float = 60.0  # … R that noise of a kind of the model often reaches
+    chance: float = 0.75  # power of what chance did, as a multiple of the arm's age, which R is on average …
+    chance_days: float = 60.0  # … of arms that are younger, as a multiple of this
     forgotten_days: float = 365.0  # in which what chance did counts e times less
 
     def limits(self, joints_per_arm: int) -> Array:
@@ -40,24 +40,25 @@ class DecisionSettings:
         limits: Array = 365.0 * (joints_per_arm + 1) / (self.false_alarms_per_year * share)
         return limits
 
-    def by_chance(self, peaks: Array, counted: np.ndarray) -> Array:
+    def by_chance(self, peaks: Array, counted: np.ndarray, age: Array) -> Array:
         """(2, A, J) factors of A: what chance did to an arm, which is more than A allows for where its noise has no name in the model.
 
-        peaks : (2, A, J) highest R of rises and of falls that were not told. counted : (A, J) joints that are not known to be worn. A
-        change is to stand out from the other joints' changes of its sign, and from those of the other sign, the joint's own among them.
+        peaks : (2, A, J) highest R of rises and of falls that were not told. counted : (A, J) joints that are not known to be worn.
+        age : of them [days]. A change is to stand out from the other joints' changes of its sign, and from those of the other sign, the
+        joint's own among them.
         """
         shown = np.where(counted, peaks, 0.0)
         order = np.sort(np.concatenate([np.zeros_like(shown[..., :1]), shown], axis=2), axis=2)
         most = order[..., -1:]
         others = np.where(shown == most, order[..., -2:-1], most)
-        factors: Array = np.maximum(np.maximum(others, most[::-1]) / self.chance_days, 1.0) ** self.chance
+        factors: Array = np.maximum(np.maximum(others, most[::-1]) / np.maximum(age, self.chance_days), 1.0) ** self.chance
         return factors
 
-    def needed(self, peaks: Array, counted: np.ndarray, joints_per_arm: int) -> Array:
-        """(2, N) R from which a rise and a fall are found [days]. peaks : (2, N); counted : (A, J)."""
+    def needed(self, peaks: Array, counted: np.ndarray, joints_per_arm: int, age: Array) -> Array:
+        """(2, N) R from which a rise and a fall are found [days]. peaks : (2, N); counted : (A, J); age : (N,) [days]."""
         J = joints_per_arm
         A = np.broadcast_to(self.limits(J)[:, None, None], (2, len(counted), J + 1)).copy()
-        A[..., :J] *= self.by_chance(peaks.reshape(2, -1, J + 1)[..., :J], counted)
+        A[..., :J] *= self.by_chance(peaks.reshape(2, -1, J + 1)[..., :J], counted, age.reshape(1, -1, J + 1)[..., :J])
         each: Array = A.reshape(2, -1)
         return each
 
@@ -100,11 +101,11 @@ def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, 
 
 
 def crossings(
-    odds: Odds, peaks: Array, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings
+    odds: Odds, peaks: Array, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings, age: Array
 ) -> Crossing:
     """Whose change it is. peaks : (2, N) R so far; learnt : (N,) channels that are no longer new; counted : (A, J) joints of the mean."""
     J = joints_per_arm
-    needed, reached = settings.needed(peaks, counted, J).reshape(2, -1, J + 1), (odds.R * learnt).reshape(2, -1, J + 1)
+    needed, reached = settings.needed(peaks, counted, J, age).reshape(2, -1, J + 1), (odds.R * learnt).reshape(2, -1, J + 1)
     A, crossed = needed[..., :J], reached[..., J] >= needed[..., J]
     R, change, of = odds.R.reshape(2, -1, J + 1), odds.change.reshape(-1, J + 1), counted.sum(axis=1)
     part = change[:, :J] * np.sign(change[:, J:]) * counted
