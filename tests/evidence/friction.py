@@ -2,7 +2,7 @@
 
 `python -m tests.evidence.friction WORLD… [--arms --worn --seed --json]`: false advisories a robot-year of healthy arms, days to detection,
 and how often 90 % intervals of friction hold the truth: of healthy joints, and of worn ones before they are found. Counted as in
-`monitor.studies.worlds.verdicts`. Low speed and the fit's residual are not looked at: the model judges friction at the reference speed.
+`monitor.studies.worlds.verdicts`. The series beside friction at the reference speed are judged by the same model, with other priors.
 """
 
 import argparse
@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from monitor.judge.drift.observation import Observation
+from monitor.judge.friction.beside import model_beside, observations_beside
 from monitor.judge.friction.step import FrictionModel, FrictionState, initial_state, step
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
@@ -39,6 +41,25 @@ class Found(NamedTuple):
     seconds: float
 
 
+class Beside:
+    """The series beside friction at the reference speed, of A arms with J joints."""
+
+    def __init__(self, joints_per_arm: int, levels: int) -> None:
+        self.joints_per_arm, self.levels = joints_per_arm, levels
+        self.states: dict[str, FrictionState] = {}
+
+    def risen(self, seen: Observation, days: Array, **options: Any) -> np.ndarray:
+        """(A, J) joints of which a series tells wear after a replay. A current that is noisier is no wear."""
+        J, found = self.joints_per_arm, np.zeros((len(days), self.joints_per_arm), dtype=bool)
+        for name, observation in observations_beside(seen).items():
+            model = model_beside(name)
+            state = self.states.get(name) or initial_state(observation, J, model, levels=self.levels)
+            self.states[name] = step(state, observation, days, model, in_place=True, **options)
+            if name != "noise":
+                found |= self.states[name].risen.reshape(-1, J + 1)[:, :J]
+        return found
+
+
 def judge(fleet: WorldFleet, model: FrictionModel, assess: AssessSettings) -> Found:
     """The fleet's life, replay by replay."""
     A, J, started = fleet.arms, fleet.joints, time.process_time()
@@ -48,6 +69,7 @@ def judge(fleet: WorldFleet, model: FrictionModel, assess: AssessSettings) -> Fo
     several = bool(fleet.undeclared.any())
     many, held = fleet.worn.sum(axis=1) >= 3, np.zeros((2, 2))
     state: FrictionState | None = None
+    beside = Beside(J, 4 if several else 1)
     for number in range(fleet.days * fleet.replays_a_day):
         day, now = number / fleet.replays_a_day, fleet.morning(number)
         state = state or initial_state(now.seen, J, model, levels=4 if several else 1)
@@ -55,8 +77,12 @@ def judge(fleet: WorldFleet, model: FrictionModel, assess: AssessSettings) -> Fo
         opened = weights.opened & (day > 0)
         contexts = {"slot": weights.slot, "opened": opened, "withheld": weights.withheld} if several else {}
         state = step(state, now.seen, day - last, model, replayed=now.replayed, in_place=True, **contexts)
+        at_other_speeds = beside.risen(now.seen, day - last, replayed=now.replayed, **contexts)
         last = np.where(now.replayed, day, last)
-        raised, common = state.risen.reshape(A, J + 1)[:, :J], state.risen.reshape(A, J + 1)[:, J] | state.told.common.any(axis=0)
+        raised, common = (
+            state.risen.reshape(A, J + 1)[:, :J] | at_other_speeds,
+            state.risen.reshape(A, J + 1)[:, J] | state.told.common.any(axis=0),
+        )
         told["rising"].add(day, raised.ravel(), LEARNING_DAYS)
         told["falling"].add(day, state.told.falls.reshape(A, J + 1)[:, :J].ravel(), LEARNING_DAYS)
         told["common"].add(day, common, LEARNING_DAYS)

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import monitor.judge.friction.step as friction
 from monitor.judge.drift.observation import Observation
+from monitor.judge.friction.beside import model_beside, observations_beside
 from monitor.judge.friction.decision import DecisionSettings
-from monitor.judge.friction.noise import Kind, NoisePriors
+from monitor.judge.friction.noise import Kind, NoisePriors, noise_of_fleet
 from monitor.judge.friction.posterior import Mixture
 from monitor.judge.friction.states import LEVEL, NOISE, RATE, WEAR, Priors, row, viscous_distance
 from monitor.judge.friction.step import FrictionModel, initial_state, may_have_moved, refer, rescale_use, step
@@ -372,7 +373,7 @@ def test_what_was_found_says_when_it_began_whether_at_once_and_by_which_odds():
 
     lived(y, FrictionModel(), every=every)
     (day, step_), (later, slow) = found[2], found[J + 1 + 3]
-    assert abs(day - step_.began_days[2] - 150) <= 3.0 * step_.began_std[2] + 1.0 < 15.0
+    assert abs(day - step_.began_days[2] - 150) <= 3.0 * step_.began_std[2] + 1.0 < 30.0
     assert step_.at_once[2] > 0.7
     assert step_.odds[2] >= step_.needed[2] >= DecisionSettings().limits(J)[0]
     n = J + 1 + 3
@@ -415,3 +416,34 @@ def test_a_usual_day_of_twice_the_use_wears_twice_as_much(factor):
     other = step(other, nothing, np.array([10.0]), model, use=np.full(J, 10.0 / factor))
     np.testing.assert_allclose(other.x[:, WEAR], ahead.x[:, WEAR], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(other.P[:, WEAR, WEAR], ahead.P[:, WEAR, WEAR], rtol=1e-5, atol=1e-12)
+
+
+def test_wear_that_only_other_speeds_or_one_place_show_is_found_by_the_same_model_on_other_series():
+    rng, days, A = np.random.default_rng(12), 140, 3
+    y, at_slow, rest = noise(rng, days, A * J), noise(rng, days, A * J, std=0.01), noise(rng, days, A * J, std=0.05)
+    at_slow[100:, 1] += 0.15
+    rest[100:, J + 4] += 0.7
+    states, first = {}, {}
+    for day in range(days):
+        replay = seen(y[day])._replace(log_torque_slow=y[day] + at_slow[day] + 0.3, residual_rms_nm=np.exp(rest[day] - 2.0))
+        for name, observation in observations_beside(replay).items():
+            model = model_beside(name)
+            state = states.get(name) or initial_state(observation, J, model)
+            states[name] = step(state, observation, np.full(A, float(day > 0)), model, in_place=True)
+            for n in np.flatnonzero(states[name].risen):
+                first.setdefault((name, int(n)), day)
+    assert set(first) == {("slow", 1), ("residual", J + 1 + 4)}  # contrast is what it was
+    assert all(100 <= day <= 112 for day in first.values())
+
+
+def test_a_fleet_teaches_the_noise_of_its_next_arm():
+    rng, model, days = np.random.default_rng(14), FrictionModel(), 200
+    fleet = lived(noise(rng, days, 30 * J, std=0.04, rho=0.82), model)
+    learnt = noise_of_fleet(fleet.p, fleet.scale, J, model.noise)
+    assert learnt.std == pytest.approx(0.04 * np.sqrt((1.0 - 0.82**2) / 0.75), rel=0.35)
+    weights, before = (np.array([kind.weight for kind in priors.kinds]) for priors in (learnt, model.noise))
+    lasting = [kind.rho >= 0.6 for kind in model.noise.kinds]
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[lasting].sum() > 0.6 > (before / before.sum())[lasting].sum()
+    nothing = noise_of_fleet(fleet.p[:, :0], fleet.scale[:, :0], J, model.noise)
+    assert nothing.std == pytest.approx(model.noise.std)

@@ -8,7 +8,7 @@ the replays for itself, as if nothing ever changed; its evidence is E_h = Π N(e
 of the arm, which season and weather change together. The arm is the prior of its joints: what the others' evidence says of a kind counts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +58,24 @@ class NoisePriors:
     def column(self, name: str) -> Array:
         """(H, 1) one field of the kinds."""
         return np.array([[getattr(kind, name)] for kind in self.kinds])
+
+
+def noise_of_fleet(p: Array, scale: Array, joints_per_arm: int, priors: NoisePriors, *, prior_arms: float = 10.0) -> NoisePriors:
+    """What the arms of a fleet say of the noise of its next one, beside the prior, which counts as `prior_arms` arms.
+
+    p : (H, N) probability of each kind; scale : (H, N) σ². Only arms that have learnt for months should be asked. The mean of an arm is
+    none of its joints, and left out.
+    """
+    H, J = len(p), joints_per_arm
+    p, scale = (each.reshape(H, -1, J + 1)[..., :J] for each in (p, scale))
+    arms = p.shape[1]
+    weight = priors.column("weight")[:, 0]
+    told = prior_arms * weight / weight.sum() + p.mean(axis=2).sum(axis=1)
+    alike = 0.5 * np.log(scale * (1.0 - priors.column("rho")[:, None] ** 2) / 0.75)  # of innovations, as `std` is
+    of_arms = (p * alike).sum(axis=(0, 2)) / J
+    std = float(np.exp((prior_arms * np.log(priors.std) + of_arms.sum()) / (prior_arms + arms)))
+    kinds = tuple(kind._replace(weight=float(of)) for kind, of in zip(priors.kinds, told / told.sum(), strict=True))
+    return replace(priors, kinds=kinds, std=std)
 
 
 def first_scale(joints_alike: Array, priors: NoisePriors) -> Array:

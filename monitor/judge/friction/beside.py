@@ -1,0 +1,56 @@
+"""Series beside friction at the reference speed, each judged by the same model with other priors: wear that F(v*) does not show.
+
+`contrast` is log fc − log fv; `slow` and `fast` are log friction at other speeds over F(v*), by a law richer than fc + fv·v; `residual` is
+what the fit leaves unexplained, and `noise` that of the current's readings. Each is a logarithm, as friction is. None of them has a law of
+temperature, only a slope that nobody knows; and there are fewer kinds of noise: a change of these series is told when it is large.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from monitor.judge.drift.channels import CHANNELS, channel_values
+from monitor.judge.drift.observation import Observation
+from monitor.judge.friction.changes import ChangePriors
+from monitor.judge.friction.decision import DecisionSettings
+from monitor.judge.friction.noise import Kind, NoisePriors
+from monitor.judge.friction.states import Priors
+from monitor.judge.friction.step import FrictionModel
+
+KINDS = (
+    *(Kind(rho, steady_replays=100.0, arm_steady_replays=15.0, weight=0.25) for rho in (0.0, 0.45, 0.75)),
+    *(Kind(rho, weight=weight, alone=alone) for rho, weight, alone in ((0.9, 0.15, 1.0), (0.97, 0.1, 0.3), (0.99, 0.1, 0.3))),
+    *(Kind(rho, 2.0, weight=0.05, alone=0.1) for rho in (0.0, 0.45)),  # wandering
+)
+# [log] smaller changes are within the error of the fit and of the laws that it assumes; noise that grew by less is nothing to look at
+LEAST: Mapping[str, float] = {"contrast": 0.2, "slow": 0.06, "fast": 0.06, "residual": 0.2, "noise": float(np.log(2.0))}
+NOISE_STD: Mapping[str, float] = {"contrast": 0.1, "slow": 0.02, "fast": 0.02, "residual": 0.1, "noise": 0.1}  # [log] prior
+
+
+def model_beside(series: str) -> FrictionModel:
+    """The model of one of `CHANNELS`."""
+    least = LEAST[series]
+    states = Priors(slope_per_k=(0.0, 0.005, 0.0), curve_per_k2=(0.0, 5e-5), settling=least)
+    changes = ChangePriors(steps_std=(2.0 * least, 5.0 * least), rate_std=5.0 * least / 365.0, bank=8)
+    decision = DecisionSettings(false_alarms_per_year=0.05, least=least)
+    return FrictionModel(states=states, noise=NoisePriors(kinds=KINDS, std=NOISE_STD[series]), changes=changes, decision=decision)
+
+
+def observations_beside(seen: Observation) -> dict[str, Observation]:
+    """The replay as the model sees each series that somebody measured."""
+    N = len(seen.log_torque)
+    each = dict(zip(CHANNELS, channel_values(seen), strict=True))
+    one, nothing = np.ones(N), np.zeros(N)
+    return {
+        name: Observation(
+            log_torque=np.where(np.isfinite(seen.log_torque), values, np.nan),
+            variance=nothing,
+            temperature_c=seen.temperature_c,
+            viscous_share=one,
+            warming_k_per_min=seen.warming_k_per_min,
+            coulomb_nm=one,
+            viscous_nm_s_per_rad=one,
+        )
+        for name, values in each.items()
+        if np.isfinite(values).any()
+    }
