@@ -121,6 +121,11 @@ ARMS: Mapping[str, RealArm] = {
         columns="timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6",
         gains_nm_per_a=(14.87, 13.26, 11.13, 10.62, 11.03, 11.47),
     ),
+    "UR3e wrist 2": RealArm(
+        model("ur3e"),
+        {"run": "arms/ur3e_dtur/ur3e_dtur_wrist2_swing_twice.csv"},
+        gains_nm_per_a=(10.0, 10.0, 8.0, 5.0, 5.0, 5.0),  # nobody published them: only ratios between its cycles are told
+    ),
     "Shanghai": RealArm(
         shanghai,
         {run: f"arms/shanghai/shanghai_electric_arm_traj{run}_held_rows_raw_torque.csv" for run in ("1", "3")},
@@ -173,7 +178,11 @@ PAIRS: Sequence[tuple[str, str, str, str]] = (  # arm, runs, time between them
     ("AIRBOT", "N7QR5 A", "opt A", "not known, another motion"),
     ("Shanghai", "1", "3", "not known, another motion"),
 )
-CYCLE = ("UR5 2014", "6", 26.94, 3)  # one motion three times in a recording: arm, run, seconds of a cycle, cycles
+CYCLES: Sequence[tuple[str, str, float, int]] = (  # one motion some times in a recording: arm, run, seconds of a cycle, cycles
+    ("UR5 2014", "6", 26.94, 3),
+    ("UR3e wrist 2", "run", 7.97, 2),
+)
+OF_LITTLE = SignalSettings(min_duration_s=2.0, min_moving_share=1e-6)  # one joint that moves is enough, where others do not count
 
 
 # --- Recordings ---------------------------------------------------------------------------------
@@ -199,9 +208,9 @@ class Run(NamedTuple):
     recording: Recording
     gains: Array | None = None  # (J,) [N·m/A]
 
-    def identified(self, friction: str = "paper", method: str = "wls", least_s: float = 5.0) -> Identification:
-        """least_s : a shorter recording is refused. Raises BadInput and Unidentifiable as `identify`."""
-        settings = IdentifySettings(signals=SignalSettings(min_duration_s=least_s))
+    def identified(self, friction: str = "paper", method: str = "wls", signals: SignalSettings | None = None) -> Identification:
+        """Raises BadInput and Unidentifiable as `identify`."""
+        settings = IdentifySettings(signals=signals or SignalSettings())
         return identify([self.recording], self.robot, GROUND, friction=friction, gains=self.gains, method=method, settings=settings)
 
     def cut(self, first_s: float, last_s: float) -> "Run":
@@ -525,7 +534,7 @@ def temperature(folder: Path) -> Iterator[str]:
         yield line(name, warmer, f"{plain:.3f} N·m", f"{corrected:.3f} N·m", f"{corrected / plain:.4f}")
     for label in ARMS["Gen3"].runs:
         try:
-            found = run_of(folder, "Gen3", label).identified(least_s=2.0)
+            found = run_of(folder, "Gen3", label).identified(signals=OF_LITTLE)
             one_way = sum(warning.code == "one_direction" for warning in found.warnings)
             yield line(f"Gen3, {label}", f"no friction: {one_way} of 7 joints move one way only", *[""] * 3)
         except (Missing, BadInput, Unidentifiable) as why:
@@ -574,9 +583,9 @@ class Difference(NamedTuple):
 
     @property
     def own(self) -> float:
-        """The same without what all joints share."""
-        J = np.isfinite(self.each).sum()
-        return float(np.sqrt(np.nansum((self.each - np.nanmean(self.each)) ** 2) / max(J - 1, 1) / 2.0))
+        """The same without what all joints share; NaN of one joint."""
+        each = self.each[np.isfinite(self.each)]
+        return float(np.std(each, ddof=1) / np.sqrt(2.0)) if len(each) > 1 else np.nan
 
 
 def difference(one: Identification, other: Identification) -> Difference:
@@ -600,7 +609,7 @@ def scatter(folder: Path) -> Iterator[str]:
         except (Missing, BadInput, Unidentifiable) as why:
             yield line(name, gap, f"left out: {why}", *[""] * 3)
             continue
-        spread = [f"{100 * each:.1f} %" for each in (found.scatter, found.own)]
+        spread = ["–" if np.isnan(each) else f"{100 * each:.1f} %" for each in (found.scatter, found.own)]
         yield line(name, gap, in_percent(found.each, "+.1f"), in_percent(found.noise, ".1f"), *spread)
     std = NoisePriors().std
     for days, text in ((27.0 / 86_400, "27 s"), (10.0 / 1440, "10 min"), (2.0, "2 days"), (7.0, "7 days")):
@@ -614,20 +623,20 @@ def in_percent(each: Array, form: str) -> str:
 
 
 def compared(folder: Path) -> Iterator[tuple[str, str, Callable[[], tuple[Identification, Identification]]]]:
-    """Name, time between and fits of two runs each: `PAIRS`, and the cycles of `CYCLE`."""
+    """Name, time between and fits of two runs each: `PAIRS`, and those within `CYCLES`."""
     for arm, one, other, gap in PAIRS:
         yield f"{arm}, {one}–{other}", gap, lambda a=arm, x=one, y=other: (identified(folder, a, x), identified(folder, a, y))
-    arm, label, cycle_s, cycles = CYCLE
-    for first, second in combinations(range(cycles), 2):
-        name, gap = f"{arm}, {label}, cycles {first + 1}–{second + 1}", f"{(second - first) * cycle_s:.0f} s"
-        yield name, gap, lambda x=first, y=second: (of_cycle(folder, x), of_cycle(folder, y))
+    for arm, label, cycle_s, cycles in CYCLES:
+        for first, second in combinations(range(cycles), 2):
+            name, gap = f"{arm}, {label}, cycles {first + 1}–{second + 1}", f"{(second - first) * cycle_s:.0f} s"
+            both = [partial(of_cycle, folder, arm, label, cycle_s, number) for number in (first, second)]
+            yield name, gap, lambda both=both: (both[0](), both[1]())
 
 
 @cache
-def of_cycle(folder: Path, number: int) -> Identification:
-    """One of the cycles of `CYCLE`, from 0."""
-    arm, label, cycle_s, _ = CYCLE
-    return run_of(folder, arm, label).cut(number * cycle_s, (number + 1) * cycle_s).identified()
+def of_cycle(folder: Path, arm: str, label: str, cycle_s: float, number: int) -> Identification:
+    """One cycle of a run, from 0. Raises as `identified`."""
+    return run_of(folder, arm, label).cut(number * cycle_s, (number + 1) * cycle_s).identified(signals=OF_LITTLE)
 
 
 # --- Gear ripple --------------------------------------------------------------------------------------
