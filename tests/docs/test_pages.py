@@ -103,7 +103,7 @@ def test_every_cause_that_ends_a_replay_and_every_problem_is_in_its_table():
     from monitor.errors import ReplayAborted
 
     source = "\n".join(path.read_text("utf-8") for path in PACKAGE.rglob("*.py"))
-    rows = re.findall(r"^\| (`[^|]*) \| ([^|]*) \| ", section("docs/real-robot-safety.md", "How a motion ends"), re.MULTILINE)
+    rows = re.findall(r"^\| (`[^|]*) \| ([^|]*) \| ", section("docs/supervision.md", "How a motion ends"), re.MULTILINE)
     documented = {name: then == "next" for cells, then in rows for name in re.findall(r"`(\w+)`", cells)}
     assert len(documented) > 20
     assert {name for name, harmless in documented.items() if harmless} == set(ReplayAborted.HARMLESS)
@@ -133,7 +133,7 @@ def test_the_table_of_conditions_has_every_condition_in_its_order():
 def test_every_hazard_has_a_measure_and_a_test_that_exists():
     """An integrator can look up each test by its name."""
     sources = "\n".join(path.read_text("utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
-    rows = [row for row in section("docs/real-robot-safety.md", "Hazards").splitlines() if row.startswith("| **")]
+    rows = [row for row in section("docs/hazards.md", "Each hazard").splitlines() if row.startswith("| **")]
     assert len(rows) > 15
     for row in rows:
         hazard, measure, test, _ = (cell.strip() for cell in row.strip("|").split(" | ")) if row.count(" | ") == 3 else (row, "", "", "")

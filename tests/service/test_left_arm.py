@@ -25,7 +25,7 @@ from monitor.store.store import Store
 FAR = short(period_s=6.0, amplitude_rad=1.2)  # its first joint leaves the start by more than `max_approach_rad` of the configuration below
 START = FAR.at(np.zeros(1)).q[0]
 AWAY = FAR.at(np.array([3.8])).q[0]
-PAGE = Path(__file__).parent.parent.parent / "docs" / "real-robot-safety.md"
+PAGE = Path(__file__).parent.parent.parent / "docs" / "supervision.md"
 
 
 @pytest.fixture
