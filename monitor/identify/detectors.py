@@ -24,6 +24,7 @@ from monitor.identify.signals.arm import same_rows
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.temperature import plausible_temperatures
 from monitor.identify.signals.units import DOUBTFUL, MOVING_RAD_S, Repaired, named
+from monitor.identify.signals.usable import SIGNAL_CONSTANT, SIGNAL_EMPTY
 from monitor.reason import Reason, Sentence
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -37,6 +38,10 @@ HELD_S = 0.02  # mean time between changes: half of it is a delay
 PILE_ROWS = 8  # so many readings at the very largest value …
 PILE = 2.0  # … and so many times as many as within a fiftieth of the range below it: cut off there
 NEAR = 0.02
+SMOOTH = 0.02  # of the largest bends: between two readings an interpolated signal has none, and noise has
+MOSTLY = 0.6  # of the rows lie between two readings
+DIGIT = 1e-9  # of the range: a smaller difference of two readings is none of their last digit
+BENDS_AT_HZ = 125.0, 62.0  # rates at which bends are looked for beside that of the file: in quicker rows they drown in rounding
 COLD_C = -20.0  # in which no arm works
 APART_K = 35.0  # of one joint from the median joint: in warm-up curves of real arms 17 K
 HOT_C = 65.0  # all joints of a working arm are colder: 20–45 °C, which are 68–113 °F
@@ -76,6 +81,11 @@ CURRENT_HELD = Sentence(
 CURRENT_SATURATED = Sentence(
     "current_saturated",
     "{source}: the {drive:word} of joint {joint} is cut off at {value:.4g}: what was beyond is missing, and friction with it",
+)
+INTERPOLATED = Sentence(
+    "interpolated",
+    "{source}: the {drive:word} was measured at {rate_hz:.2g} Hz and interpolated between: what is quicker is missing, "
+    "and friction with it",
 )
 ACCELERATIONS_REPLACED = Sentence(
     "accelerations_replaced",
@@ -149,7 +159,12 @@ def mixed_payload(together: Together) -> Iterator[Reason]:
 
 def told_by_reader(repaired: Repaired) -> Iterator[Reason]:
     """What the reader of the file had to say."""
-    return iter(repaired.recording.told)
+    yield from repaired.recording.told
+
+
+def signals_left_out(repaired: Repaired) -> Iterator[Reason]:
+    """Signals that are there by name alone."""
+    yield from repaired.left_out
 
 
 def clock_unchecked(repaired: Repaired) -> Iterator[Reason]:
@@ -269,6 +284,38 @@ def _cut_off(x: Array) -> float | None:
     return None
 
 
+def interpolated(motion: Motion) -> Iterator[Reason]:
+    """Currents or torques of most moving joints that were measured seldom, and interpolated between."""
+    recording, keep = motion.recording, motion.rows.keep
+    drive = recording.current if recording.current is not None else recording.torque
+    moving = np.ptp(recording.q[keep], axis=0) > 0.0
+    if drive is None or not moving.any():
+        return
+    rates = [_measured_hz(recording.t_s[keep], x, motion.rate_hz) for x in drive[keep][:, moving].T]
+    seldom = [rate for rate in rates if rate is not None]
+    if 2 * len(seldom) > len(rates) and (rate_hz := float(np.median(seldom))) < LOW_RATE_HZ:
+        yield INTERPOLATED(source=named(recording), drive="torque" if recording.current is None else "current", rate_hz=rate_hz)
+
+
+def _measured_hz(t_s: Array, x: Array, rate_hz: float) -> float | None:
+    """The rate [Hz] of the readings between which x (N,) is interpolated, linearly or by cubic pieces; None where each row is a reading."""
+    values = np.unique(x)
+    digit = float(np.min(np.diff(values), initial=np.inf, where=np.diff(values) > DIGIT * np.ptp(x)))
+    for every in sorted({max(1, round(rate_hz / at_hz)) for at_hz in (rate_hz, *BENDS_AT_HZ)}):
+        t, y = t_s[::every], x[::every]
+        if len(y) < STUCK_ROWS:
+            break
+        share = np.diff(t)[:-1] / (t[2:] - t[:-2])
+        straight = np.abs(y[1:-1] - y[:-2] * (1.0 - share) - y[2:] * share)  # from the line between the readings around it
+        for bend, rounded in ((straight, digit), (np.abs(np.diff(y, 4)), 8.0 * digit)):
+            most = float(np.quantile(bend, 0.99))
+            between = bend <= max(SMOOTH * most, 1.01 * rounded)
+            lengths, _ = _runs(np.zeros(len(bend)), between)
+            if most > 5.0 * rounded and np.mean(between) > MOSTLY and len(lengths):
+                return rate_hz / every * len(lengths) / len(bend)  # one reading between two runs without a bend
+    return None
+
+
 def accelerations_replaced(motion: Motion) -> Iterator[Reason]:
     """Recorded accelerations that are not the change of the speeds."""
     if motion.accelerations_replaced:
@@ -360,6 +407,7 @@ def fitted_together(files: HeldOut) -> Iterator[Reason]:
 DETECTORS = (
     Detector(Together, (MIXED_PAYLOAD,), mixed_payload),
     Detector(Repaired, (), told_by_reader),
+    Detector(Repaired, (SIGNAL_EMPTY, SIGNAL_CONSTANT), signals_left_out),
     Detector(Repaired, (CLOCK_JUMP,), clock_jump),
     Detector(Repaired, (CLOCK_RESTORED, CLOCK_OF_ARRIVALS), clock_restored),
     Detector(Repaired, (UNIT_REPAIRED,), units_repaired),
@@ -370,6 +418,7 @@ DETECTORS = (
     Detector(Motion, (TURNS_UNWOUND,), turns_unwound),
     Detector(Motion, (MOTION_JUMPS,), motion_jumps),
     Detector(Motion, (CURRENT_STUCK, CURRENT_HELD, CURRENT_SATURATED), drives_unmeasured),
+    Detector(Motion, (INTERPOLATED,), interpolated),
     Detector(Motion, (ACCELERATIONS_REPLACED,), accelerations_replaced),
     Detector(Motion, (TEMPERATURE_DOUBTFUL, TEMPERATURE_TORN), temperatures_doubtful),
     Detector(Motion, (REPAIRED_SPIKES,), repaired_spikes),

@@ -4,6 +4,7 @@ A fault is a function from the sound table to a faulty one. The friction found i
 with.
 """
 
+import csv
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -142,3 +143,144 @@ def test_nothing_is_made_of_a_file_that_is_larger_than_itself(tmp_path, sound):
     uneven.assign(timestamp=t_s).pipe(without_speeds).to_csv(tmp_path / "uneven.csv", index=False)
     with pytest.raises(BadInput, match="times are uneven: most rows are 2e-05 s apart"):
         identified(tmp_path / "uneven.csv")
+
+
+# --- Faults of columns, rows, units and rates ----------------------------------------------------------------------
+
+
+class Expected(NamedTuple):
+    """What is made of a fault: right, with this code first or second; or wrong by some per cent, with it first; or refused."""
+
+    make: Callable[[pd.DataFrame], pd.DataFrame]
+    code: str | None = None  # None: nothing is said
+    right: bool = True
+    refused: str | None = None
+    columns: str | None = None
+    rate_hz: float | None = None
+
+
+def scaled_time(factor: float, begin: float = 0.0) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """Times in another unit, as whole numbers where they are large."""
+    return lambda table: table.assign(
+        timestamp=(begin + factor * (table["timestamp"] - table["timestamp"][0])).round(6 if factor > 1 else 12)
+    )
+
+
+def interpolated_from(rate_hz: float, digits: int = 6) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    def make(table: pd.DataFrame) -> pd.DataFrame:
+        t_s = table["timestamp"].to_numpy()
+        seldom = np.arange(t_s[0], t_s[-1], 1.0 / rate_hz)
+        even = {name: np.interp(t_s, seldom, np.interp(seldom, t_s, column)) for name, column in table.items() if name != "timestamp"}
+        return pd.DataFrame({"timestamp": t_s, **even}).round(digits)
+
+    return make
+
+
+def with_columns(name: str, values: Callable[[pd.DataFrame, int], object]) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """The columns of one signal replaced or added."""
+    return lambda table: table.assign(**{f"{name}_{j}": values(table, j) for j in range(6)})
+
+
+def renamed(before: str, after: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    return lambda table: table.rename(columns={f"{before}_{j}": after.format(j) for j in range(6)})
+
+
+def held(times: int, jitter_s: float = 0.0) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """A log at so many times the rate of the signal."""
+
+    def make(table: pd.DataFrame) -> pd.DataFrame:
+        rows = np.repeat(np.arange(len(table)), times)
+        t_s = table["timestamp"][0] + np.arange(len(rows)) / (RATE_HZ * times)
+        return table.iloc[rows].assign(timestamp=np.round(t_s + jitter_s * np.random.default_rng(5).random(len(rows)), 6))
+
+    return make
+
+
+def sparse(table: pd.DataFrame) -> pd.DataFrame:
+    """Speeds in every second row."""
+    return table.where(np.array([["_qd_" not in name for name in table]]) | (np.arange(len(table))[:, None] % 2 == 0))
+
+
+FAULTS: dict[str, Expected] = {
+    "milliseconds since 1970, no speeds": Expected(lambda t: without_speeds(scaled_time(1e3, 1.764e12)(t)), "unit_repaired"),
+    "nanoseconds since 1970": Expected(scaled_time(1e9, 1.764e18), "unit_repaired"),
+    "nanoseconds since 1970, no speeds": Expected(lambda t: without_speeds(scaled_time(1e9, 1.764e18)(t)), "unit_repaired"),
+    "microseconds, no speeds": Expected(lambda t: without_speeds(scaled_time(1e6)(t)), "unit_repaired"),
+    "days of a spreadsheet": Expected(scaled_time(1.0 / 86400.0, 45000.0), "unit_repaired"),
+    "days of a spreadsheet, no speeds": Expected(lambda t: without_speeds(scaled_time(1.0 / 86400.0, 45000.0)(t)), "unit_repaired"),
+    "units of 100 ns": Expected(scaled_time(1e7, 1.3e17), "unit_repaired"),
+    "newest first": Expected(lambda t: t.iloc[::-1], "rows_sorted"),
+    "newest first, whole seconds": Expected(lambda t: t.assign(timestamp=np.floor(t["timestamp"])).iloc[::-1], "rows_sorted"),
+    "in no order": Expected(lambda t: t.sample(frac=1.0, random_state=1), "rows_sorted"),
+    "every row four times": Expected(held(4), "rejected_rows"),
+    "every row three times, jitter": Expected(held(3, 5e-4), "rejected_rows"),
+    "speeds empty": Expected(with_columns("actual_qd", lambda t, j: np.nan), "signal_empty"),
+    "speeds of one joint empty": Expected(lambda t: t.assign(actual_qd_2=np.nan), "signal_empty"),
+    "speeds in every second row": Expected(sparse, "signal_empty"),
+    "speeds zero": Expected(with_columns("actual_qd", lambda t, j: 0.0), "signal_constant"),
+    "torque zero": Expected(with_columns("actual_torque", lambda t, j: 0.0), "signal_constant"),
+    "torque empty": Expected(with_columns("actual_torque", lambda t, j: np.nan), "signal_empty"),
+    "torque -1": Expected(with_columns("actual_torque", lambda t, j: -1.0), "signal_constant"),
+    "positions empty": Expected(with_columns("actual_q", lambda t, j: np.nan), refused="actual_q of joint 1 holds no number"),
+    "currents empty": Expected(with_columns("actual_current", lambda t, j: np.nan), refused="current of joints .* holds no number"),
+    "interpolated from 10 Hz": Expected(interpolated_from(10.0), "interpolated", right=False),
+    "interpolated from 5 Hz, 4 digits": Expected(interpolated_from(5.0, 4), "interpolated", right=False),
+    "near name of speeds": Expected(renamed("actual_qd", "actual_dq_{}"), "names_not_read"),
+    "near name of speeds, wrong clock": Expected(
+        lambda t: renamed("actual_qd", "joint_{}_velocity")(t.assign(timestamp=1.6 * t["timestamp"])), "names_not_read", right=False
+    ),
+    "wrong clock, no speeds": Expected(lambda t: without_speeds(t.assign(timestamp=1.6 * t["timestamp"])), "clock_unchecked", right=False),
+    "near name of currents": Expected(renamed("actual_current", "actual_currents_{}"), refused=r"actual_currents_\{0..5\}"),
+    "no time": Expected(lambda t: t.drop(columns="timestamp"), refused="--rate 125"),
+    "no time, with its rate": Expected(lambda t: t.drop(columns="timestamp"), rate_hz=125.0),
+    "no time, with a wrong rate": Expected(lambda t: t.drop(columns="timestamp"), rate_hz=100.0, refused="check the columns and the clock"),
+    "a counter for a time": Expected(lambda t: t.assign(timestamp=np.arange(len(t))), refused="a count of the rows.*--rate"),
+    "a counter, left out": Expected(lambda t: t.assign(timestamp=np.arange(len(t))), columns="timestamp=", rate_hz=125.0),
+    "whole seconds, rows lost": Expected(
+        lambda t: t.assign(timestamp=np.floor(t["timestamp"])).sample(frac=0.98, random_state=1).sort_index(), "clock_restored"
+    ),
+    "modes in words": Expected(lambda t: t.assign(robot_mode="RUNNING", payload="none", safety_mode="NORMAL")),
+    "columns by names": Expected(
+        lambda t: renamed("actual_q", "joint_position_{}")(renamed("actual_qd", "v{}")(t)).rename(columns={"timestamp": "zeit"}),
+        columns="timestamp=zeit,actual_q=joint_position_{0..5},actual_qd=v{0..5}",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_faulty_file_is_right_or_refused_or_the_cause_is_said_first(tmp_path, sound, fault, kind):
+    """No figure that is off by more than 2 % stands alone."""
+    expected = FAULTS[fault]
+    table, file = expected.make(sound.table), tmp_path / f"file.{kind}"
+    table.to_csv(file, index=False) if kind == "csv" else table.to_parquet(file, index=False)
+    if expected.refused is not None:
+        with pytest.raises(BadInput, match=expected.refused):
+            identified(file, expected.columns, rate_hz=expected.rate_hz)
+        return
+    found = identified(file, expected.columns, rate_hz=expected.rate_hz)
+    assert (off(found, sound) < RIGHT) == expected.right
+    assert said(found)[:2] == [] if expected.code is None else expected.code in said(found)[:2]
+
+
+QUOTED: dict[str, Callable[[pd.DataFrame], str]] = {
+    "decimal commas in quotes": lambda t: t.to_csv(index=False, decimal=",", sep=",", quoting=csv.QUOTE_NONNUMERIC, float_format="%.6f"),
+    "all in quotes": lambda t: t.to_csv(index=False, quoting=csv.QUOTE_ALL),
+    "semicolons, decimal commas, all in quotes": lambda t: t.to_csv(index=False, sep=";", decimal=",", quoting=csv.QUOTE_ALL),
+    "spaces, in quotes": lambda t: t.to_csv(index=False, sep=" ", quoting=csv.QUOTE_ALL),
+    "single quotes": lambda t: t.to_csv(index=False, quoting=csv.QUOTE_ALL, quotechar="'"),
+    "quotes around whole lines": lambda t: "".join(f'"{line}"\n' for line in t.to_csv(index=False).splitlines()),
+    "commas and spaces": lambda t: t.to_csv(index=False).replace(",", ", "),
+    "bars": lambda t: t.to_csv(index=False, sep="|"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quoted", QUOTED)
+def test_quotes_and_separators_are_those_of_csv(tmp_path, sound, quoted):
+    """As spreadsheets and data frames write it."""
+    (tmp_path / "a.csv").write_text(QUOTED[quoted](sound.table))
+    found = read_recording(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.current[:, 5], sound.table["actual_current_5"], atol=1e-6)
+    np.testing.assert_allclose(found.t_s, sound.table["timestamp"], atol=1e-6)

@@ -5,6 +5,7 @@ Here only what the controller itself says is used: modes, the program's state, t
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.production.arm import LOADS, ProductionArm, ProductionRows
 from monitor.identify.settings import SignalSettings
 from monitor.identify.signals.arm import at_motors, drive_torque
-from monitor.identify.signals.filters import filtered, low_pass, uniform
+from monitor.identify.signals.filters import filtered, low_pass, refuse_uneven, uniform
 from monitor.identify.signals.motion import ENOUGH_SAMPLES
-from monitor.identify.signals.rows import sound_rows
+from monitor.identify.signals.rows import HARMLESS, sound_rows
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array, Indices, Mask, Recording
 
@@ -104,11 +105,14 @@ def cut(rows: ProductionRows, arm: ProductionArm) -> tuple[Cut | None, dict[str,
         raise Unidentifiable(
             f"{recording.source or 'rows of production'}: {rate_hz:.3g} rows a second; expected 10 or more: with fewer, motion is unknown"
         )
-    left_out["torn"] = (recording.samples - len(keep)) * tick
+    lost = sum(count for reason, count in sound.why.items() if reason not in HARMLESS)  # a row written again is no time
+    left_out["torn"] = lost * tick
     cause = _causes(rows, keep)
     parts, holes = [], np.flatnonzero(step > max(0.25, 3.0 * tick)) + 1
     left_out["gap"] = float(np.sum(step[holes - 1] - tick))
-    for stretch in np.split(np.arange(len(keep)), np.union1d(holes, sound.breaks)):
+    edges = [0, *np.union1d(holes, sound.breaks).tolist(), len(keep)]
+    refuse_uneven(recording.source or "rows of production", recording.t_s[keep], list(pairwise(edges)), rate_hz)
+    for stretch in np.split(np.arange(len(keep)), edges[1:-1]):
         part = _stretch(rows, arm, keep[stretch], cause[stretch], drive, rate_hz, sound.turns[stretch])
         if part is None:
             left_out["gap"] += len(stretch) * tick

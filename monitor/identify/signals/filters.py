@@ -1,15 +1,17 @@
 """Filters of the signals: single spikes removed, one even clock, one zero-phase low-pass for all signals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 
+from monitor.errors import Unidentifiable
 from monitor.model.friction import smooth_sign
 from monitor.recording import Array
 
 SPIKE_WINDOW = 7  # samples of the running median: three spikes in a row are still a minority
 SPIKE_STD = 8.0  # deviation of a spike in standard deviations; ripple and noise of a real drive stay below 6
+MOST_EVEN = 4.0  # samples of an even clock for each row: half of the ticks may be missing at random, and half of these again
 SPIKE_FLOOR = 0.01  # fraction of the largest reading: without noise, a bend of the signal is no spike
 
 
@@ -32,6 +34,21 @@ def despike(measured: dict[str, Array]) -> int:
         measured[key] = np.where(spikes, middle, value)
         repaired += int(np.sum(spikes))
     return repaired
+
+
+def refuse_uneven(name: str, t_s: Array, stretches: Sequence[tuple[int, int]], rate_hz: float) -> None:
+    """Raises Unidentifiable where an even clock would have many times as many samples as there are rows.
+
+    t_s : (N,) increasing times. stretches : first row of each, and the row after its last one. Every signal is resampled, so this bounds
+    what is made of a file by its own size.
+    """
+    even = sum(float(t_s[end - 1] - t_s[begin]) * rate_hz + 1.0 for begin, end in stretches if end > begin)
+    if even > MOST_EVEN * len(t_s):
+        raise Unidentifiable(
+            f"{name}: times are uneven: most rows are {1.0 / rate_hz:.2g} s apart, and in the mean they are "
+            f"{even / rate_hz / len(t_s):.2g} s apart, as where a host's times of arrival are written; "
+            f"expected the controller's clock, or --rate with the rows a second"
+        )
 
 
 def uniform(t_s: Array, signals: dict[str, Array], rate_hz: float) -> dict[str, Array]:

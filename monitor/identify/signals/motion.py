@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.settings import SignalSettings
-from monitor.identify.signals.filters import despike, filtered, low_pass, uniform
+from monitor.identify.signals.filters import despike, filtered, low_pass, refuse_uneven, uniform
 from monitor.identify.signals.ripple import Unfiltered
 from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, usual_size
 from monitor.identify.signals.temperature import temperatures_at
@@ -25,7 +25,6 @@ OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is n
 LEAST_ACCELERATION = 0.1  # [rad/s²]
 ENOUGH_SAMPLES = 5.0  # times the filter's cutoff: half of it is the highest frequency, at which the filter leaves a thousandth
 FEWEST_ROWS = 10  # fewer sound rows are no recording
-MOST_EVEN = 4.0  # samples of the even clock for each sound row: nothing is made of a file that is larger than itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,8 +125,8 @@ def motion(recording: Recording, settings: SignalSettings | None = None) -> Moti
     Raises Unidentifiable with the reason where the recording cannot carry an identification.
     """
     settings = settings or SignalSettings()
-    _check_layout(recording)
     repaired = in_si(recording)
+    _check_layout(repaired.recording)
     rows = _usable_rows(repaired.recording, settings)
     return _signals(_unwound(repaired, rows), rows, settings)
 
@@ -141,7 +140,8 @@ def _check_layout(recording: Recording) -> None:
     if not recording.samples:
         raise Unidentifiable(f"{name}: holds no rows; expected a recording")
     if recording.current is None and recording.torque is None:
-        raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
+        likely = "".join(f". {reason}" for reason in recording.told)
+        raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint{likely}")
     if recording.current is not None and recording.torque is None:
         largest = np.max(usual_size(recording.current), initial=0.0)
         if largest > MOST_A:
@@ -151,7 +151,7 @@ def _check_layout(recording: Recording) -> None:
         if value is None:
             continue
         missing = np.flatnonzero(~np.any(np.isfinite(value), axis=0))
-        if 0 < len(missing) < recording.joints:  # each row would count as torn
+        if len(missing):  # each row would count as torn
             joints = joints_by_number([int(j) + 1 for j in missing])
             raise Unidentifiable(f"{name}: {key} of {joints} holds no number in any row; expected every joint's")
 
@@ -221,13 +221,7 @@ def _signals(repaired: Repaired, rows: SoundRows, settings: SignalSettings) -> M
     rate_hz = 1.0 / float(np.mean(dt[dt < 1.9 * np.median(dt)]))  # jitter averages out, and holes do not count
     _refuse_poor_motion(named(recording), t_s, qd, rate_hz, settings)
     stretches = _stretches(t_s, rows.breaks, max(settings.gap_s, 3.0 / rate_hz))
-    even = sum(float(t_s[part.stop - 1] - t_s[part.start]) * rate_hz + 1.0 for part in stretches)
-    if even > MOST_EVEN * len(t_s):
-        raise Unidentifiable(
-            f"{named(recording)}: times are uneven: most rows are {1.0 / rate_hz:.2g} s apart, and in the mean they are "
-            f"{even / rate_hz / len(t_s):.2g} s apart, as where a host's times of arrival are written; expected the controller's clock, "
-            f"or --rate with the rows a second"
-        )
+    refuse_uneven(named(recording), t_s, [(part.start, part.stop) for part in stretches], rate_hz)
     unfiltered = Unfiltered(t_s, measured["q"], qd, measured["current"], stretches) if "current" in measured else None
     spikes = despike(measured) if settings.despike else 0
     order, cutoff_hz = settings.filter_order, min(settings.cutoff_hz, 0.35 * rate_hz)  # at low rates the cutoff must be lower

@@ -12,8 +12,9 @@ import numpy as np
 
 from monitor.errors import Unidentifiable
 from monitor.identify.signals.clock import Clock, restored_clock, running_on
-from monitor.reason import joints_by_number
-from monitor.recording import Array, Indices, Mask, Recording
+from monitor.identify.signals.usable import usable
+from monitor.reason import Reason, joints_by_number
+from monitor.recording import DAY_S, Array, Indices, Mask, Recording
 
 WINDOW_S = 0.13  # time over which a difference is taken: short beside the motion, long beside ripple
 WINDOW_ROWS = 16  # from the first row of such a window to its last one, at most
@@ -31,6 +32,10 @@ BEYOND_RAD = 2.1 * math.pi  # no joint of an arm with cables turns farther; a jo
 BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
 WELL_SAMPLED_HZ = 10.0  # at a lower rate, differences of positions are no speeds
 SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as suspicious or wrong
+
+UNITS_OF_TIME = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9, "units of 100 ns": 1e7, "days": 1.0 / DAY_S}  # in a second
+LOGGED_HZ = 10.0, 2000.0  # rates at which arms are logged
+NO_RATE_HZ = 2e4  # at which no arm is logged
 
 USUAL = 0.75  # quantile of the speeds that stands for their size
 WRONG = 0.35  # of the speed's size: a larger mismatch is another signal
@@ -59,6 +64,7 @@ class Repaired:
     units: tuple[str, ...] = ()  # units that were not SI, in words
     clock_factor: float | None = None  # positions change so many times as fast as the speeds say, where that is suspicious
     speeds: SpeedCheck | None = None  # None: no speeds, or too few rows
+    left_out: tuple[Reason, ...] = ()  # signals that are there by name alone
 
 
 def in_si(recording: Recording) -> Repaired:
@@ -66,6 +72,7 @@ def in_si(recording: Recording) -> Repaired:
 
     Raises Unidentifiable where the speeds cannot be the derivative of the positions in any unit, with the likely reason.
     """
+    recording, left_out = usable(recording)
     t_s, jumps = running_on(recording.t_s)
     clock = restored_clock(t_s, recording.q)
     t_s = t_s if clock is None else clock.t_s
@@ -83,6 +90,7 @@ def in_si(recording: Recording) -> Repaired:
         units=found.said,
         clock_factor=found.clock_factor,
         speeds=_checked_speeds(recording, seen),
+        left_out=left_out,
     )
 
 
@@ -145,10 +153,19 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
     tick = float(np.median(step[step > 0.0])) if np.any(step > 0.0) else math.nan
     found = _ratio(seen)
     if found is not None:
-        for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)):
-            if _near(found.value * per_second, 1.0) and tick * WELL_SAMPLED_HZ > 1.0:
+        for unit, per_second in UNITS_OF_TIME.items():
+            if _near(found.value * per_second, 1.0) and (tick * WELL_SAMPLED_HZ > 1.0) == (per_second > 1.0):
                 put_right("t_s", 1.0 / per_second, f"time is in {unit}")
                 tick, found = tick / per_second, found._replace(value=found.value * per_second)
+                break
+    elif (likely := _unit_of_time(q, tick)) is not None:
+        put_right("t_s", 1.0 / UNITS_OF_TIME[likely], f"time is in {likely}")
+        tick /= UNITS_OF_TIME[likely]
+    if len(step) and not said and np.all(step == 1.0):
+        raise Unidentifiable(
+            f"{named(recording)}: times are a count of the rows, or seconds, at 1 Hz: too slow; expected seconds at 10 Hz or more. "
+            f"Where they count, leave them out and say the rows a second: --columns timestamp= --rate 125"
+        )
     if not tick * WELL_SAMPLED_HZ <= 1.0:
         return _Units(factors, tuple(said), None)
     if found is None:
@@ -176,6 +193,22 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
         if acceleration is not None and _near(acceleration.value, 1.0 / DEGREES):
             put_right("qdd", 1.0 / DEGREES, "accelerations are in degrees a second squared")
     return _Units(factors, tuple(said), clock_factor)
+
+
+def _unit_of_time(q: Array, tick: float) -> str | None:
+    """The unit in which the times have a rate at which arms are logged, and the positions change as fast as arms move; None: seconds.
+
+    tick : of the rows, in the unit of the file; 1 may be a count. For recordings without speeds, which would tell the unit.
+    """
+    if not tick > 0.0 or tick == 1.0 or LOGGED_HZ[0] <= 1.0 / tick <= NO_RATE_HZ:
+        return None
+    fastest = BEYOND_RAD_S * (DEGREES if _in_degrees(q, BEYOND_RAD) else 1.0)
+    with np.errstate(invalid="ignore"):
+        change = np.nanquantile(np.abs(np.diff(q, axis=0)), 0.9, axis=0)  # (J,) a tenth may be torn
+    for unit, per_second in UNITS_OF_TIME.items():
+        if LOGGED_HZ[0] <= per_second / tick <= LOGGED_HZ[1] and np.all(change / tick * per_second < fastest):
+            return unit
+    return None
 
 
 def _near(ratio: float, unit: float) -> bool:

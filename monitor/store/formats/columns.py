@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from difflib import SequenceMatcher
 from itertools import product
 from types import MappingProxyType
@@ -39,6 +40,11 @@ NAMES_NOT_READ = Sentence(
     "names_not_read",
     "{source}: {wanted} is not there, and columns of other names are not read: {names}. Where one is meant, say so, such as "
     "--columns {wanted}={example}",
+)
+DISORDER = 0.1  # of the steps go back in time: the rows are in no order, or in the opposite one
+FEWEST_STEPS = 20  # with fewer, a torn time is a large share
+ROWS_SORTED = Sentence(
+    "rows_sorted", "{source}: {share:.0%} of the rows are older than the row before them (newest first, or no order); sorted by time"
 )
 AS_WRITTEN = Sentence(
     "columns_as_written", "{source}: was written by this program and is read as it was written: --columns and --rate do not fit it"
@@ -81,10 +87,27 @@ def recorded(
     if rows and (len(missing) or not np.any(np.isfinite(signals["t_s"]))):
         what = f"actual_q of joint {missing[0] + 1}" if len(missing) else "timestamp"
         raise BadInput(f"{source}: {what} holds no number in any row; expected every joint's position, and the time")
+    foreign = about is None
     if about is None:
         payload = _constant_value(extra["payload_kg"]) if "payload_kg" in extra else None
         about = {"context": Context(payload_kg=payload), "source": source}
-    return ProductionRows(recording=Recording(**signals, **about, told=layout.told), **extra)
+    found = ProductionRows(recording=Recording(**signals, **about, told=layout.told), **extra)
+    return _in_order(found) if foreign else found
+
+
+def _in_order(rows: ProductionRows) -> ProductionRows:
+    """The rows in the order of their times, where the file has another one. Single torn times do not count, nor a clock that was set."""
+    recording = rows.recording
+    step = np.diff(recording.t_s[np.isfinite(recording.t_s)])
+    back, ahead = np.count_nonzero(step < 0.0), np.count_nonzero(step > 0.0)
+    if back + ahead < FEWEST_STEPS or not back > DISORDER * (back + ahead):
+        return rows
+    # newest first: rows that have one time stand in the reverse order too
+    order = np.arange(recording.samples)[::-1] if back > ahead else np.arange(recording.samples)
+    order = order[np.argsort(recording.t_s[order], kind="stable")]
+    sorted_rows = rows.part(order)
+    told = (*recording.told, ROWS_SORTED(source=recording.source or "recording", share=back / (back + ahead)))
+    return replace(sorted_rows, recording=replace(sorted_rows.recording, context=recording.context, told=told))
 
 
 def column_names() -> dict[str, str]:

@@ -38,6 +38,10 @@ def read_text(content: bytes, where: str, columns: str | None, rate_hz: float | 
         del lines[0]
     if not lines:
         raise BadInput(f"{where}: is empty")
+    if lines[0].lstrip().startswith("'"):
+        lines = [line.replace("'", '"') for line in lines]
+    if _QUOTED.fullmatch(lines[0].strip()) and _separator(lines[0].strip().strip('"')):  # quotes around each line
+        lines = [line.strip().strip('"') for line in lines]
     separator = _separator(lines[0])
     first = _split(lines[0], separator)
     headed = any(field and not _NUMBER.fullmatch(field) for field in first)
@@ -56,9 +60,9 @@ def read_text(content: bytes, where: str, columns: str | None, rate_hz: float | 
 
 
 def _separator(line: str) -> str | None:
-    """`;`, tab, `,`, or None for any white space; what stands in quotes does not count."""
+    """`;`, tab, `|`, `,`, or None for any white space; what stands in quotes does not count."""
     line = _QUOTED.sub('""', line)
-    for candidate in ";\t":
+    for candidate in ";\t|":
         if candidate in line:
             return candidate
     tokens = line.split()
