@@ -163,8 +163,8 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
         tick /= UNITS_OF_TIME[likely]
     if len(step) and not said and np.all(step == 1.0):
         raise Unidentifiable(
-            f"{named(recording)}: sampled at 1 Hz; expected at least 10 Hz, better 100 Hz. Where the times count the rows, leave them out and "
-            f"say the rows a second: --columns timestamp= --rate 125"
+            f"{named(recording)}: sampled at 1 Hz; expected at least 10 Hz, better 100 Hz. Where the times count the rows, leave them out "
+            f"and say the rows a second: --columns timestamp= --rate 125"
         )
     if not tick * WELL_SAMPLED_HZ <= 1.0:
         return _Units(factors, tuple(said), None)

@@ -181,7 +181,7 @@ def layout_as_written(source: str, names: Sequence[str], columns: str | None, ra
         if columns is not None and "=" not in columns:
             _counted(columns, None)
     layout = layout_of_table(source, names, None, None)
-    return layout._replace(told=(*layout.told, AS_WRITTEN(source=source)))
+    return layout._replace(told=(*layout.told, AS_WRITTEN(source=source.rpartition("/")[2])))
 
 
 def _named(source: str, names: Sequence[str], columns: str) -> Layout:
@@ -226,7 +226,7 @@ def _named(source: str, names: Sequence[str], columns: str) -> Layout:
         width -= 1  # separators that a spreadsheet left at the end of the line
     scalars = {SCALAR_COLUMNS[name]: places[0] for name, places in of_name.items() if name in SCALAR_COLUMNS}
     production = _production_columns(source, names, given)
-    return Layout(scalars, joints, width, production, None, tuple(_not_read(source, set(fields), groups, count)))
+    return Layout(scalars, joints, width, production, None, tuple(_not_read(source.rpartition("/")[2], set(fields), groups, count)))
 
 
 def _renamed(source: str, names: Sequence[str], columns: str) -> Iterator[tuple[str, list[int]]]:
