@@ -1,6 +1,9 @@
 """Each window is used once, and only while it is open, whatever the clock, the calendar and the process do."""
 
+import os
 import random
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from zoneinfo import ZoneInfo
@@ -307,3 +310,28 @@ def test_an_invalid_schedule_is_refused_with_what_would_be_right(setting, value,
     with pytest.raises(BadInput, match=message):
         ScheduleSettings(**{setting: value})
     assert timedelta(days=1).total_seconds() == DAY_S
+
+
+WITHOUT_ZONES = """
+import sys
+from monitor.acquire.schedule.windows import ScheduleSettings, upcoming
+from monitor.errors import BadInput
+print(upcoming(ScheduleSettings(cron="0 3 * * *"), 0.0, 1, None)[0].opens_unix_s)
+try:
+    ScheduleSettings(timezone="Europe/Berlin")
+except BadInput as wrong:
+    print(wrong)
+"""
+
+
+def test_a_computer_without_zones_knows_utc_and_says_what_is_missing_for_another(tmp_path):
+    """As in a slim container, with neither zones of the system nor the package: nobody wrote a wrong name."""
+    (tmp_path / "tzdata").mkdir()
+    (tmp_path / "tzdata" / "__init__.py").write_text('raise ImportError("no zones")')
+    where = os.environ | {"PYTHONTZPATH": "/nonexistent", "PYTHONPATH": str(tmp_path)}
+    found = subprocess.run([sys.executable, "-c", WITHOUT_ZONES], capture_output=True, text=True, env=where, check=True)
+    opens, refused = found.stdout.splitlines()
+    assert float(opens) == 3 * 3600.0
+    assert refused.startswith(
+        "schedule.timezone = 'Europe/Berlin': this computer knows no time zones but UTC; install them, by pip install"
+    )

@@ -211,7 +211,10 @@ def test_a_signature_is_refused_for_each_reason(plant):
         ('[[notify.to]]\nname = "a"\napprise = "x"\ntiers = []\n', "tiers = []: without escalation or reports"),
         ('[[notify.to]]\nname = "a"\napprise = "x"\nsites = []\n', "sites = []: nothing would ever be told"),
         ('[[notify.to]]\nname = "a"\napprise = "x"\nquiet = "22-6"\n', 'time of day, e.g. "07:00"'),
-        ('[[notify.to]]\nname = "a"\napprise = "x"\ntime_zone = "Mars/Base"\n', "'Mars/Base' is not known"),
+        (
+            '[[notify.to]]\nname = "a"\napprise = "x"\ntime_zone = "Mars/Base"\n',
+            "'Mars/Base': expected a name such as UTC or Europe/Berlin",
+        ),
         ('[[notify.to]]\nname = "a"\napprise = "x"\nteirs = ["wear"]\n', "did you mean tiers?"),
         ('[[notify.to]]\nname = "a"\napprise = "x"\nreports = ["weekly"]\n', "reports: go by mail"),
         (

@@ -1,15 +1,37 @@
 """Times of the wall clock: five cron fields, the days of a blackout, the spans of a day, and what they mean in UTC."""
 
+import io
 import re
 from collections.abc import Iterator
 from datetime import UTC, date, datetime, time, timedelta
 from functools import cache, lru_cache
 from typing import Protocol
-from zoneinfo import ZoneInfo
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from monitor.errors import BadInput
 
 _SPAN = re.compile(r"([01]\d|2[0-3]):([0-5]\d)-(([01]\d|2[0-3]):([0-5]\d)|24:00)\Z")
+
+_UTC = b"TZif" + bytes(16) + bytes(16) + b"\0\0\0\1" + b"\0\0\0\4" + bytes(6) + b"UTC\0"  # RFC 8536, version 1: one type, no transition
+
+
+def time_zone(name: str, where: str) -> ZoneInfo:
+    """The zone of that name; UTC also on a computer that knows no zones. where : what names it, for messages.
+
+    Raises BadInput where no zone has that name, or the computer knows none.
+    """
+    try:
+        return ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        if name == "UTC":
+            return ZoneInfo.from_file(io.BytesIO(_UTC), key="UTC")
+    try:
+        ZoneInfo("UTC")
+    except (ZoneInfoNotFoundError, OSError):
+        raise BadInput(
+            f"{where} = {name!r}: this computer knows no time zones but UTC; install them, by pip install tzdata, or tzdata of the system"
+        ) from None
+    raise BadInput(f"{where} = {name!r}: expected a name such as UTC or Europe/Berlin")
 
 
 def unix_s(reading: datetime, zone: ZoneInfo) -> float:

@@ -8,11 +8,11 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple, Protocol
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from zoneinfo import ZoneInfo
 
 from annotated_types import Interval
 
-from monitor.acquire.schedule.times import blackout, cron_times, cron_trigger, is_blackout, is_span, midnight_before, spans_from
+from monitor.acquire.schedule.times import blackout, cron_times, cron_trigger, is_blackout, is_span, midnight_before, spans_from, time_zone
 from monitor.errors import BadInput
 from monitor.recording import DAY_S
 
@@ -63,10 +63,7 @@ class ScheduleSettings:
 
     def zone(self) -> ZoneInfo:
         """The time zone. Raises BadInput."""
-        try:
-            return ZoneInfo(self.timezone)
-        except (ZoneInfoNotFoundError, ValueError, OSError):
-            raise BadInput(f"schedule.timezone = {self.timezone!r}: expected a name such as UTC or Europe/Berlin") from None
+        return time_zone(self.timezone, "schedule.timezone")
 
 
 def _listed(texts: Iterable[str]) -> str:

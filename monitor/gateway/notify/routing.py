@@ -11,10 +11,11 @@ from datetime import time as TimeOfDay  # noqa: N812 - `time` is the module else
 from email.utils import parseaddr
 from fnmatch import fnmatchcase
 from typing import Annotated, Literal, NamedTuple
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from zoneinfo import ZoneInfo
 
 from annotated_types import Interval
 
+from monitor.acquire.schedule.times import time_zone
 from monitor.errors import BadInput
 from monitor.gateway.outbox import Owed
 from monitor.gateway.values import ACTIVE, CLEARED, ENDED, GRAVER, PLANT_SILENT, RAISED, Delivery, Transition, document_of
@@ -86,7 +87,7 @@ class RecipientSettings:
         if self.digest_at:
             time_of_day(self.digest_at, f"{here} digest_at")
         if self.time_zone:
-            zone(self.time_zone, here)
+            time_zone(self.time_zone, f"{here} time_zone")
 
     def quiet_hours(self) -> tuple[TimeOfDay, TimeOfDay] | None:
         """Begin and end; None without any. Raises BadInput."""
@@ -135,7 +136,7 @@ class NotifySettings:
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the key that is wrong."""
-        zone(self.time_zone, "notify:")
+        time_zone(self.time_zone, "notify: time_zone")
         time_of_day(self.report_at, "notify: report_at")
         names = [each.name for each in self.to]
         if len(set(names)) != len(names):
@@ -163,7 +164,7 @@ class NotifySettings:
 
     def zone_of(self, recipient: RecipientSettings) -> ZoneInfo:
         """The time zone of a recipient."""
-        return ZoneInfo(recipient.time_zone or self.time_zone)
+        return time_zone(recipient.time_zone or self.time_zone, "notify: time_zone")
 
 
 def time_of_day(text: str, where: str) -> TimeOfDay:
@@ -172,14 +173,6 @@ def time_of_day(text: str, where: str) -> TimeOfDay:
     if found is None:
         raise BadInput(f'{where} = {text!r}; expected a time of day, e.g. "07:00"')
     return TimeOfDay(int(found[1]), int(found[2]))
-
-
-def zone(name: str, where: str) -> ZoneInfo:
-    """Raises BadInput where there is no such time zone."""
-    try:
-        return ZoneInfo(name)
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise BadInput(f'{where} time_zone = {name!r} is not known; expected e.g. "Europe/Berlin"') from None
 
 
 # --- Who is told of a transition and when, and what becomes one message
