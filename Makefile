@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo user deb quick test docs texts pictures card lint bench soak excitations install uninstall clean
+.PHONY: help demo user deb wheel release quick test docs texts pictures card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -76,7 +76,7 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
 	@# the service's user reads what root installs, whatever root's umask is
 	umask 022; $(PYTHON) -m venv $(INTO)
-	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots,plant,archive,gateway]'
+	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[archive,gateway]'
 	@# a package is built elsewhere than it will lie
 	test -z "$(DESTDIR)" || grep -lI "$(INTO)" $(INTO)/bin/* $(INTO)/pyvenv.cfg | xargs sed -i 's#$(INTO)#$(PREFIX)#g'
 	install -d $(DESTDIR)$(SYSTEM)/systemd/system $(DESTDIR)$(SYSTEM)/sysusers.d $(DESTDIR)$(SYSTEM)/tmpfiles.d $(DESTDIR)/etc/joint-monitor $(DESTDIR)$(COMMAND)
@@ -100,10 +100,23 @@ deb: ## a Debian package of the service for this machine's release and architect
 		$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])') $(DEB)
 	@echo "$(DEB): for this release and architecture; there, as root: apt install ./$(notdir $(DEB)), then: joint-monitor init /etc/joint-monitor/NAME.toml"
 
+wheel: $(STAMP) ## the wheel in dist/, tried in a fresh environment: every command's help, the files of deployment, the demo's job
+	rm -rf dist
+	$(BIN)/python -m build --wheel --outdir dist
+	deploy/try-wheel dist/*.whl $(PYTHON) constraints.txt
+
+release: wheel ## all of a release in dist/: wheel, source, Debian package, checksums, and the notes from the changelog
+	$(BIN)/python -m build --sdist --outdir dist
+	$(MAKE) --no-print-directory deb
+	cp build/joint-monitor.deb dist/joint-monitor_$$(dpkg-deb -f build/joint-monitor.deb Version)_$$(dpkg-deb -f build/joint-monitor.deb Architecture).deb
+	awk '/^## /{part++} part==1' docs/CHANGELOG.md > dist/NOTES.md
+	cd dist && sha256sum *.whl *.tar.gz *.deb > SHA256SUMS
+	@ls -l dist
+
 user: ## for you alone, without developers' tools: a virtual environment in ~/.local/share, the command in ~/.local/bin
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
 	$(PYTHON) -m venv $(HOME)/.local/share/joint-monitor
-	$(HOME)/.local/share/joint-monitor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[plots,plant,archive,gateway]'
+	$(HOME)/.local/share/joint-monitor/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[archive,gateway]'
 	install -d $(HOME)/.local/bin
 	ln -sfn $(HOME)/.local/share/joint-monitor/bin/joint-monitor $(HOME)/.local/bin/joint-monitor
 	@echo "installed: joint-monitor --help (is $(HOME)/.local/bin in your PATH?); next: joint-monitor try, or joint-monitor init"
@@ -119,4 +132,4 @@ uninstall: ## the program and its unit, not what it has learnt: /etc/joint-monit
 	@echo "uninstalled; history and configurations stay in /var/lib/joint-monitor and /etc/joint-monitor, and the user joint-monitor with them"
 
 clean: ## remove the virtual environment and caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build/site
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist

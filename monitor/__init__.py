@@ -10,6 +10,7 @@ test holds this map against the linter's contracts.
 
     __main__        python -m monitor
     cli             the commands: a module a topic, one module of shared options
+    api             the same for Python programs and notebooks: one module
     studies         the whole: simulated arms (demo, rehearsal, performance card, the paper's campaign), and the past of real ones once more
     gateway         the plant's alerts, told to people and to other systems: mail, webhooks, work orders
     plant           many arms: their histories copied into one database, their health followed, the worst first

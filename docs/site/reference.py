@@ -4,6 +4,7 @@
 """
 
 import dataclasses
+import inspect
 import itertools
 import re
 import sys
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
+import griffe
 import typer.main
 from annotated_types import Interval
 from pydantic import BaseModel
@@ -48,6 +50,15 @@ COMMANDS_HEAD = """# Commands
 outside prevented it (no answer from the robot, no history yet), and with 2 when an argument or a file is wrong or a motion was
 refused. Other exit codes stand with the command. `--json` prints one JSON object on standard output, for programs.
 """
+
+
+PYTHON_HEAD = """# The Python interface
+
+The package is typed: `mypy --strict` checks a script of yours against it. [`notebook.ipynb`](notebook.ipynb) goes from the replays of a
+simulated arm to fv(T) and to torque at 12 °C. What follows is made from the docstrings.
+
+"""
+SIGNATURE = 100  # letters of a line of code on the page
 
 
 class Key(NamedTuple):
@@ -146,6 +157,59 @@ def commands_page() -> str:
     return text
 
 
+def python_page() -> str:
+    """docs/python.md: the names of `monitor.api` with their signatures, docstrings and fields."""
+    module = griffe.load("monitor.api", search_paths=[DOCS.parent], resolve_aliases=True)
+    text = MADE.format(source="the docstrings of monitor/api.py") + PYTHON_HEAD
+    about, _, rest = _docstring(module).partition("\n\n")
+    example, _, more = rest.partition("\n\nAn arm is")
+    text += f"{about}\n\n```python\n{inspect.cleandoc(example)}\n```\n\nAn arm is{more}\n"
+    names = sorted(module.exports or (), key=lambda name: (not module[name].is_function, name))
+    for name in names:
+        of = module[name]
+        if of.is_attribute:
+            continue
+        text += f"\n## {name}\n\n```text\n{_signature(of)}\n```\n\n{_docstring(of)}\n"
+        if of.is_class:
+            fields = [f"| `{each.name}` | {_cell(str(each.annotation or ''))} | {_cell(_comment(each))} |\n" for each in _fields(of)]
+            text += f"\n| field | type | meaning |\n|---|---|---|\n{''.join(fields)}" if fields else ""
+            for each in of.members.values():
+                if each.is_function and not each.name.startswith("_"):
+                    text += f"\n### {name}.{each.name}\n\n```text\n{_signature(each)}\n```\n\n{_docstring(each)}\n"
+    kinds = [f"| `{name}` | `{str(module[name].value).replace('|', 'or')}` |\n" for name in names if module[name].is_attribute]
+    return f"{text}\n## What arguments may be\n\n| name | type |\n|---|---|\n{''.join(kinds)}"
+
+
+def _docstring(of: griffe.Object | griffe.Alias) -> str:
+    return of.docstring.value if of.docstring else ""
+
+
+def _signature(of: griffe.Object | griffe.Alias) -> str:
+    """As it is called; a line a parameter where one line would be long. Without the `self` of a method, and without fields of a class."""
+    if of.is_class and "__init__" not in of.members:
+        return f"class {of.name}"
+    of = of.members["__init__"] if of.is_class else of
+    line = re.sub(r"\(self(, )?", "(", of.signature()).replace("__init__", of.parent.name if of.parent else "").replace(" -> None", "")
+    if len(line) < SIGNATURE:
+        return line
+    name, _, rest = line.partition("(")
+    given, _, back = rest.rpartition(")")
+    return f"{name}(\n    " + re.sub(r", (?![^\[]*\])", ",\n    ", given) + f",\n){back}"
+
+
+def _fields(of: griffe.Object | griffe.Alias) -> list[griffe.Object | griffe.Alias]:
+    """The fields and properties of a class, but for those of an enumeration or of a client, which has none."""
+    return [each for each in of.members.values() if each.is_attribute and not each.name.startswith("_") and each.annotation]
+
+
+def _comment(of: griffe.Object | griffe.Alias) -> str:
+    """What the line of a field says behind its sign, or the docstring of a property."""
+    if of.docstring:
+        return of.docstring.value.splitlines()[0]
+    line = of.source.splitlines()[0] if of.source else ""
+    return line.partition("  # ")[2]
+
+
 def alerts_page() -> str:
     """docs/alerts.md with its table of conditions from their records."""
     rows = [
@@ -214,6 +278,7 @@ def _cell(text: str) -> str:
 PAGES = {
     "configuration.md": configuration_page,
     "commands.md": commands_page,
+    "python.md": python_page,
     "alerts.md": alerts_page,
     "bus.md": bus_page,
     "real-robot-safety.md": safety_page,

@@ -147,17 +147,9 @@ def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, 
 
 def _plot_residuals(path: Path, found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: "Array | None") -> None:
     """Draw what the identified model does not explain of these recordings. Raises BadInput like `residual_plot`."""
-    from monitor.identify.signals.arm import joint_torque, motion_of
-    from monitor.identify.validate import held_out_settings, predict_motion
-    from monitor.views.plots.residuals import Residuals, residual_plot
+    from monitor.views.plots.residuals import residual_plot, residuals_of
 
-    shown = []
-    for recording in recordings:
-        moved = motion_of(recording, arm, held_out_settings().signals)
-        parts = predict_motion(found, arm, moved)
-        residual = joint_torque(moved, arm, gains) - parts.torque
-        shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))
-    residual_plot(path, f"{arm.name}: measured − modelled torque ({found.method})", shown)
+    residual_plot(path, f"{arm.name}: measured − modelled torque ({found.method})", residuals_of(found, arm, recordings, gains))
 
 
 def base(

@@ -214,16 +214,13 @@ def reassess(
     """The past by today's program or other settings: which alerts come earlier, later, no more, or anew. Exit 1: one arm failed."""
     from monitor.studies.reassess.plan import read_changes
     from monitor.studies.reassess.reassess import reassess as again
-    from monitor.views.plots.picture import needs_drawing
     from monitor.views.terminal.progress import count_progress
     from monitor.views.terminal.reassess import print_reassessment
 
     if scheduler is not None and workers is not None:
         raise BadInput("--workers is of this machine's processes, --scheduler is of another cluster; expected one of them")
-    if pictures is not None:
-        needs_drawing("--pictures")
-        if pictures.exists() and not pictures.is_dir():
-            raise BadInput(f"--pictures {pictures}: is a file; expected a folder")
+    if pictures is not None and pictures.exists() and not pictures.is_dir():
+        raise BadInput(f"--pictures {pictures}: is a file; expected a folder")
     changes = {} if settings is None else read_changes(settings)
     try:
         with count_progress("reassess", "recordings") as show:

@@ -32,6 +32,7 @@ from monitor.cli import (
     simulate,
 )
 from monitor.cli.options import LAWS
+from monitor.config.extras import absent
 from monitor.errors import BadInput, MonitorError
 
 # typer brings its own click, or uses the one that is installed: of either, what both kinds of mistakes are
@@ -166,6 +167,11 @@ def main() -> None:
     except MonitorError as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         sys.exit(error.exit_code)
+    except ModuleNotFoundError as error:  # of an extra: packages are imported where they are used
+        if error.name is None or error.name.partition(".")[0] == "monitor":
+            raise
+        typer.echo(f"joint-monitor: {absent(error.name.partition('.')[0], sys.argv[1])}", err=True)
+        sys.exit(BadInput.exit_code)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of standard output has ended, as in `joint-monitor watch | head`
         sys.exit(0)

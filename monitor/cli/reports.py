@@ -1,4 +1,4 @@
-"""The commands `reproduce` and `report`, which write a page to print."""
+"""The commands `reproduce` and `report`, which write a page to print, and `deploy-files`, which writes what is shipped."""
 
 from pathlib import Path
 from typing import Annotated
@@ -101,4 +101,20 @@ def _moment(text: str, option: str) -> float:
         raise BadInput(f"{option} {text!r}: expected a day or a time, e.g. 2026-06-01 or 2026-06-01T03:00:00Z") from None
 
 
-COMMANDS: Commands = {"report": report, "reproduce": reproduce}
+def deploy_files(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where they go; it is made where it does not exist.", show_default=False)],
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Write units of systemd, and examples for Zenoh, Prometheus and Grafana into a folder. Nothing is installed."""
+    from monitor.config.deploy import write_deploy_files
+
+    written = write_deploy_files(folder, force=force)
+    if as_json:
+        print_json({"files": [str(path) for path in written]})
+        return
+    for path in written:
+        typer.echo(path)
+
+
+COMMANDS: Commands = {"report": report, "deploy-files": deploy_files, "reproduce": reproduce}

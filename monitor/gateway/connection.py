@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from monitor.config.extras import absent
 from monitor.errors import BadConfiguration, BadInput, MonitorError
 
 CONNECT_S = 5.0
@@ -74,7 +75,7 @@ def attempted(channel: str, walk: Callable[[Steps], None]) -> list[Finding]:
 def needs(module: str, what: str) -> None:
     """Raises BadConfiguration that says what to install where a package of another project is absent."""
     if find_spec(module) is None:
-        raise BadConfiguration(f"{what} need the package {module}: pip install 'joint-monitor[gateway]'")
+        raise BadConfiguration(absent(module, what))
 
 
 def dial(host: str, port: int, steps: Steps, context: ssl.SSLContext | None = None, timeout_s: float = CONNECT_S) -> socket.socket:

@@ -42,7 +42,7 @@ class Kind(NamedTuple):
 
 
 def _opcua(settings: opcua.OpcuaSettings, surroundings: Surroundings) -> Sequence[Channel]:
-    needs("asyncua", "opcua: a server")
+    needs("asyncua", "[opcua]")
     from monitor.gateway.opcua.server import OpcuaChannel  # the library takes a second
 
     return [OpcuaChannel(settings, surroundings)]

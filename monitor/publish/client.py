@@ -12,6 +12,8 @@ import queue
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+import numpy.typing as npt
 import zenoh
 from pydantic import BaseModel
 
@@ -127,13 +129,20 @@ class Client:
         found = [message for selector in registered.selectors for message in self.get(selector)]
         return [registered.model.model_validate(message.document) for message in sorted(found, key=lambda message: message.key)]
 
-    def torque(self, **arguments: Any) -> Torque:
-        """Temperature-corrected torque of one sample or of N: `q`, `qd`, `qdd` [rad, rad/s, rad/s²], `temperature_c`.
+    def torque(
+        self, *, q: npt.ArrayLike, qd: npt.ArrayLike, qdd: npt.ArrayLike | None = None, temperature_c: npt.ArrayLike | None = None
+    ) -> Torque:
+        """Temperature-corrected torque of one sample (J,) or of N (N, J).
 
-        Raises BadInput with the daemon's text where the arguments are wrong, BusError where no daemon answers.
+        q, qd, qdd : [rad, rad/s, rad/s²]; qdd is 0 where it is not given. temperature_c : of the joints [°C], the present ones where
+        not given. Raises BadInput with the daemon's text where the arguments are wrong, BusError where no daemon answers.
         """
-        given = {name: value for name, value in arguments.items() if value is not None}
-        return Torque.model_validate(self._one(kind_of(Torque).key(), given).document)
+        given = {"q": q, "qd": qd, "qdd": qdd, "temperature_c": temperature_c}
+        try:
+            request = {name: np.asarray(value, dtype=float).tolist() for name, value in given.items() if value is not None}
+        except (TypeError, ValueError):
+            raise BadInput("torque: expected numbers, J or (N, J) of each argument") from None
+        return Torque.model_validate(self._one(kind_of(Torque).key(), request).document)
 
     def history(self, *, joint: int | None = None, since: str | None = None, until: str | None = None) -> Iterator[HistoryRow]:
         """Past estimates, the oldest first, page by page; times as RFC 3339."""

@@ -55,10 +55,8 @@ def answered(compute: Compute, function: Callable[P, str], *args: P.args, **kwar
 def _report(configuration: Configuration, now_unix_s: float, code: str) -> str:
     """The report on the whole history as HTML. It reads beside the daemon, which goes on. Raises BadInput where nothing can be drawn."""
     from monitor.service.history.report import report
-    from monitor.views.plots.picture import needs_drawing
     from monitor.views.report.page import report_page
 
-    needs_drawing("report")
     with Store.reader(configuration.state_directory) as store:
         return report_page([report(configuration, store, None, None, now_unix_s)], language(code))
 

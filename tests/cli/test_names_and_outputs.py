@@ -166,12 +166,3 @@ def test_progress_says_what_is_under_way_and_how_much_is_left(capsys, monkeypatc
         clock[0] = 6.0
         show("slow first pass", 2.0, 40.0)
     assert capsys.readouterr().err == "replay: slow first pass, 2 s of 40\n"
-
-
-def test_without_what_draws_the_monitor_runs_and_a_drawing_is_refused_in_a_sentence(arms, monkeypatch):
-    """matplotlib is an extra: status needs none, a report says how to get it."""
-    monkeypatch.setattr("monitor.views.plots.picture.importlib.util.find_spec", lambda name: None if name == "matplotlib" else name)
-    refused = ended("report", "--config", "cell-1", "-o", arms / "b.html")
-    assert refused.returncode == 2
-    assert "joint-monitor[plots]" in refused.stderr
-    assert ended("status", "cell-1").returncode == 0

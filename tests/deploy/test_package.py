@@ -3,10 +3,17 @@
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
+import zipfile
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
+from command_line import ended
+from hatchling.build import build_wheel
+
+from monitor import __version__
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,8 +79,50 @@ def test_a_container_is_built_from_what_a_service_needs():
     for line in re.findall(r"^COPY (?!--from)(.+)", text, re.MULTILINE):
         for name in line.split()[:-1]:
             assert (ROOT / name).exists(), name
-    assert "[plots,plant,archive,gateway]" in text
+    assert "[archive,gateway]" in text
     assert "dev" not in re.findall(r"\[([\w,]+)\]", text)
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    assert not any(name.startswith("matplotlib") for name in extras["dependencies"])
-    assert any(name.startswith("matplotlib") for name in extras["optional-dependencies"]["plots"])
+
+
+def test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wrote_them(tmp_path):
+    """`deploy-files` writes every file of `deploy/` that a machine needs, as it is but for the program's place; again only with --force."""
+    assert ended("deploy-files", tmp_path / "a").returncode == 0
+    written = {path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()}
+    packaging = {Path("Containerfile"), Path("try-wheel"), *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir())}
+    assert written == {path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy").rglob("*") if path.is_file()} - packaging
+    for name in written:
+        shipped = (ROOT / "deploy" / name).read_text("utf-8")
+        assert (tmp_path / "a" / name).read_text("utf-8") == shipped.replace("/opt/joint-monitor/bin", f"{sys.prefix}/bin")
+    assert f"ExecStart={sys.prefix}/bin/joint-monitor run" in (tmp_path / "a/joint-monitor@.service").read_text("utf-8")
+    again = ended("deploy-files", tmp_path / "a")
+    assert again.returncode == 2
+    assert "exists; nothing was done" in again.stderr
+    assert ended("deploy-files", tmp_path / "a", "--force").returncode == 0
+    (tmp_path / "file").write_text("")
+    assert "cannot be written" in ended("deploy-files", tmp_path / "file" / "b").stderr
+
+
+def test_the_wheel_carries_what_a_user_needs_and_its_version_is_the_programs(tmp_path):
+    """Built by the backend itself: marker of types, configuration, files of deployment; the version stands in one place."""
+    with chdir(ROOT):
+        name = build_wheel(str(tmp_path))
+    with zipfile.ZipFile(tmp_path / name) as wheel:
+        names = set(wheel.namelist())
+    assert f"joint_monitor-{__version__}-" in name
+    assert {"monitor/py.typed", "monitor/_config/monitor.toml", "monitor/_deploy/joint-monitor@.service", "monitor/api.py"} <= names
+    assert {f"monitor/_deploy/{path}" for path in ("zenoh/router.json5", "prometheus/scrape.yml")} <= names
+    assert any(each.startswith("monitor/_deploy/grafana/dashboards/") for each in names)
+    assert "version" not in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def test_hosted_ci_and_our_own_call_the_same_targets_which_exist():
+    """What the workflows and `.ci/run` call is in the Makefile."""
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE))
+    ours = set(re.findall(r"^make ([a-z ]+)$", (ROOT / ".ci/run").read_text("utf-8"), re.MULTILINE))
+    hosted = {
+        name
+        for path in (ROOT / ".github/workflows").iterdir()
+        for line in re.findall(r"run: make ([a-z ]+)", path.read_text("utf-8"))
+        for name in line.split()
+    }
+    assert ours <= hosted <= targets
+    assert {"lint", "quick", "test", "docs", "wheel", "release"} <= hosted

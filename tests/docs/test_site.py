@@ -16,7 +16,7 @@ def test_the_generated_pages_are_those_that_the_code_generates():
     spec = importlib.util.spec_from_file_location("docs_reference", SITE / "reference.py")
     reference = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reference)
-    assert set(reference.PAGES) == {"alerts.md", "bus.md", "configuration.md", "commands.md", "real-robot-safety.md"}
+    assert set(reference.PAGES) == {"alerts.md", "bus.md", "configuration.md", "commands.md", "python.md", "real-robot-safety.md"}
     for name, page in reference.PAGES.items():
         assert (ROOT / "docs" / name).read_text("utf-8") == page(), f"docs/{name} is not of today: run `make docs`"
 

@@ -33,6 +33,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {  # each command of `joint-monitor --hel
         "studies/test_demo.py::test_the_demo_finds_the_worn_joint_and_no_other_and_is_never_silent",
         "studies/test_demo.py::test_two_days_of_the_demo_are_played_judged_and_told",
     ),
+    "deploy-files": ("deploy/test_package.py::test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wrote_them",),
     "design": (
         "design/test_command.py::test_the_same_command_gives_the_same_bytes_and_a_picture",
         "design/test_command.py::test_ctrl_c_keeps_the_best_so_far",

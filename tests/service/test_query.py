@@ -20,7 +20,7 @@ from monitor.errors import BadInput, StoreError
 from monitor.service.history.query import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, ask, plain, sources_at, unique
 from monitor.store.store import Store
 
-duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: pip install 'joint-monitor[archive]'")
+duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: it is of the extra `archive`")
 ROOT = Path(__file__).parents[2]
 
 
@@ -312,7 +312,6 @@ def test_the_page_names_every_column():
 
 def test_a_plants_database_is_asked_like_a_history(tmp_path: Path):
     """Friction and events of all arms; ledgers and recordings stay with the arms."""
-    pytest.importorskip("sqlalchemy", reason="the plant's packages are absent: pip install 'joint-monitor[plant]'")
     from monitor.plant.database import Database
     from monitor.plant.tables import arm as arms
     from monitor.plant.tables import friction as figures

@@ -17,7 +17,7 @@ from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 
 if find_spec("distributed") is None:
-    pytest.skip("dask is absent: pip install 'joint-monitor[archive]'", allow_module_level=True)
+    pytest.skip("dask is absent: it is of the extra `archive`", allow_module_level=True)
 
 
 @dataclass

@@ -48,7 +48,7 @@ from monitor.studies.reassess.plan import Arm, Files, Month, ReadAhead, Stored, 
 from monitor.studies.reassess.reassess import Reassessment
 
 if find_spec("distributed") is None:  # it is imported by the tests themselves: every worker of the suite reads this module
-    pytest.skip("dask is absent: pip install 'joint-monitor[archive]'", allow_module_level=True)
+    pytest.skip("dask is absent: it is of the extra `archive`", allow_module_level=True)
 
 DAY_S = 86_400.0
 BEGAN_S = 1_764_201_600.0  # 2025-11-27: the history is of two months
@@ -349,9 +349,6 @@ def test_a_cluster_that_does_not_fit_is_refused_in_a_sentence(lived: Path, sched
     with monkeypatch.context() as patch:
         patch.setattr("monitor.studies.reassess.cluster.probe_found", lambda *_: False)
         assert "does not reach --results" in refused(scheduler)
-    with monkeypatch.context() as patch:
-        patch.setattr("importlib.util.find_spec", lambda _: None)
-        assert "needs dask, which is not installed; pip install 'joint-monitor[archive]'" in refused(scheduler)
     versions = distributed.Client.get_versions
 
     def older(client, check):

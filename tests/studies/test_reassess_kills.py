@@ -25,7 +25,7 @@ from monitor.store.formats.recordings import read_recording, write_recording
 from monitor.store.store import Store
 
 if find_spec("distributed") is None:
-    pytest.skip("dask is absent: pip install 'joint-monitor[archive]'", allow_module_level=True)
+    pytest.skip("dask is absent: it is of the extra `archive`", allow_module_level=True)
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(600)]
 
 ROOT = Path(__file__).parents[2]

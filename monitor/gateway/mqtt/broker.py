@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 from annotated_types import Interval
 
 from monitor.errors import BadInput
-from monitor.gateway.connection import Finding, NotReached, Steps, attempted, believed, needs, not_reached, say_reached
+from monitor.gateway.connection import Finding, NotReached, Steps, attempted, believed, not_reached, say_reached
 from monitor.gateway.mqtt.messages import OFFLINE, gateway
 from monitor.plant.settings import PlantConfiguration
 
@@ -109,7 +109,6 @@ class Broker:
 
         suffix : of the client id, for a second client beside a running gateway. Raises BadInput where a file cannot be read.
         """
-        needs("paho", "mqtt: messages")
         import paho.mqtt.client as mqtt
         from paho.mqtt.enums import CallbackAPIVersion, MQTTProtocolVersion
 

@@ -23,7 +23,6 @@ from monitor.gateway.connection import (
     believed,
     dial,
     http_reason,
-    needs,
     retry_after_s,
     signed,
 )
@@ -41,8 +40,7 @@ class WebhookWay:
     name = "webhook"
 
     def __init__(self, settings: NotifySettings, plant: PlantConfiguration, now: Callable[[], float]) -> None:
-        """Raises BadInput where ca_file is no certificate, BadConfiguration where httpx is absent."""
-        needs("httpx", "notify: webhooks")
+        """Raises BadInput where ca_file is no certificate."""
         self._targets = {each.name: each for each in settings.to if each.webhook}
         self._context, self._now = believed(settings.ca_file, plant.folder, "notify"), now
         self._client: HttpClient | None = None
@@ -149,7 +147,6 @@ class AppriseWay:
 
     def __init__(self, settings: NotifySettings, plant: PlantConfiguration, now: Callable[[], float]) -> None:  # noqa: ARG002 - as the others
         """Raises BadInput where an address is none that apprise knows; the address is not repeated, because it holds a secret."""
-        needs("apprise", "notify: apprise")
         import apprise
 
         # its messages hold addresses, and with them secrets: what is worth knowing of them is in our own error

@@ -120,7 +120,7 @@ def ensure(who: Identity, settings: OpcuaSettings) -> bool:
         return False
     if who.key.is_file() and who.certificate.is_file() and days_left(load(who.certificate)) > 0.0:
         return False
-    needs("asyncua", "opcua: certificates")
+    needs("asyncua", "[opcua]")
     from asyncua.crypto import cert_gen
     from cryptography import x509
     from cryptography.hazmat.primitives.serialization import Encoding
@@ -162,7 +162,7 @@ def users_of(path: Path) -> dict[str, User]:
 
 def read_files(settings: OpcuaSettings, plant: PlantConfiguration) -> None:
     """Read users, our own certificate with its key, and those that clients must show. Raises BadInput."""
-    needs("asyncua", "opcua: a server")
+    needs("asyncua", "[opcua]")
     if settings.users_file:
         users_of(plant.folder / settings.users_file)
     who = identity(settings, plant.folder, plant.directory)
@@ -214,7 +214,7 @@ def expect_free(settings: OpcuaSettings) -> None:
 def check(settings: OpcuaSettings, plant: PlantConfiguration) -> Sequence[Finding]:
     """Users, certificate, address."""
     try:
-        needs("asyncua", "opcua: a server")
+        needs("asyncua", "[opcua]")
     except BadConfiguration as absent:
         return [Finding("opcua", "settings", False, str(absent))]
     who = identity(settings, plant.folder, plant.directory)

@@ -65,7 +65,7 @@ def zenoh_file(settings: Ros2Settings, plant: PlantConfiguration) -> str:
 
 def opened(settings: Ros2Settings, plant: PlantConfiguration, steps: Steps) -> zenoh.Session:
     """A session with the router of the ROS 2 nodes. Raises NotReached, BadInput for a wrong file, BadConfiguration without rosbags."""
-    needs("rosbags", "[ros2]: messages of ROS 2")
+    needs("rosbags", "[ros2]")
     config = session_config(mode="client", connect=(settings.connect,), zenoh_file=zenoh_file(settings, plant))
     config.insert_json5("connect/timeout_ms", json.dumps(CONNECT_MS))
     at = re.match(r"(?:tcp|tls)/(?:\[(.+)\]|([^:]+)):(\d+)", settings.connect)  # other protocols are Zenoh's alone to try
@@ -101,7 +101,7 @@ class Ros2Channel:
 
     def __init__(self, settings: Ros2Settings, surroundings: Surroundings) -> None:
         """Raises BadConfiguration where rosbags is absent."""
-        needs("rosbags", "[ros2]: messages of ROS 2")
+        needs("rosbags", "[ros2]")
         self._settings, self._arms, self._plant = settings, surroundings.arms, surroundings.plant
         self._session: zenoh.Session | None = None
         self._publication: Publication | None = None

@@ -26,7 +26,6 @@ from monitor.gateway.connection import (
     believed,
     dial,
     http_reason,
-    needs,
     retry_after_s,
 )
 from monitor.gateway.outbox import DELIVERED, OWED, Owed
@@ -211,8 +210,7 @@ class Rest:
     """One maintenance system; its connection lasts a step."""
 
     def __init__(self, settings: TicketSettings, folder: Path) -> None:
-        """Raises BadInput where ca_file is no certificate, BadConfiguration where httpx is absent."""
-        needs("httpx", "tickets: requests")
+        """Raises BadInput where ca_file is no certificate."""
         self._context = believed(settings.ca_file, folder, "tickets")
         self._headers = {"User-Agent": "joint-monitor", "Accept": "application/json", **settings.headers}
         if settings.authorization:

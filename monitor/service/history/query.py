@@ -259,7 +259,8 @@ def ask(sql: str, sources: Sequence[Source], limit: int) -> Answer:
 
     Raises BadInput with DuckDB's own sentence where the question is wrong, and where it is not one question.
     """
-    duckdb = _duckdb()
+    import duckdb
+
     _refuse_other_statements(duckdb, sql)
     with _memory_database(duckdb) as connection:
         for table in TABLES:
@@ -313,14 +314,6 @@ def unique(columns: Sequence[str]) -> list[str]:
             name = f"{column}_{k}"
         names.append(name)
     return names
-
-
-def _duckdb() -> Any:
-    try:
-        import duckdb
-    except ImportError:
-        raise BadInput("query needs DuckDB, which is not installed: pip install 'joint-monitor[archive]'") from None
-    return duckdb
 
 
 def _refuse_other_statements(duckdb: Any, sql: str) -> None:

@@ -138,6 +138,13 @@ def _of_parquet(source: Any, where: str, columns: str | None = None, rate_hz: fl
             table = file.read(use_threads=False)
     except (pa.ArrowException, ValueError) as wrong:
         raise BadInput(f"{where}: is not readable Parquet: {str(wrong).splitlines()[0]}") from None
+    return rows_of_table(table, where, columns)
+
+
+def rows_of_table(table: "pa.Table", where: str, columns: str | None = None) -> ProductionRows:
+    """The recording in a table, as `read_production` takes it from Parquet. where : its name, for messages. Raises BadInput."""
+    import pyarrow as pa
+
     name = where.rpartition("/")[2]
     if any(pa.types.is_nested(field.type) for field in table.schema):
         table = _flat(table)
@@ -157,6 +164,31 @@ def _numbers(values: np.ndarray, is_time: bool) -> Array:
     except (ValueError, TypeError):
         texts = [str(value) for value in values]
         return np.array([number(text) for text in texts] if not is_time else [time_of(text) for text in texts])
+
+
+def table_of(data: object) -> "pa.Table":
+    """A DataFrame, a mapping of arrays, or a table of another library as Arrow has it. Raises BadInput."""
+    import pandas as pd
+    import pyarrow as pa
+
+    expected = "expected a file, a DataFrame, or a mapping of arrays, with RTDE's names such as timestamp and actual_q_0"
+    try:
+        if isinstance(data, pd.DataFrame):
+            index = data.index
+            if "timestamp" not in data and (index.name == "timestamp" or isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex)):
+                data = data.rename_axis("timestamp").reset_index()
+            return pa.Table.from_pandas(data, preserve_index=False)
+        if isinstance(data, Mapping):
+            columns: dict[str, Array] = {}
+            for name, values in data.items():
+                array = np.asarray(values)
+                columns |= {f"{name}_{j}": column for j, column in enumerate(array.T)} if array.ndim == 2 else {str(name): array}
+            return pa.table({name: pa.array(column) for name, column in columns.items()})
+        if hasattr(data, "__arrow_c_stream__"):
+            return pa.table(data)
+    except (pa.ArrowException, TypeError, ValueError) as wrong:
+        raise BadInput(f"table: {str(wrong).splitlines()[0]}; {expected}") from None
+    raise BadInput(f"{type(data).__name__} given; {expected}")
 
 
 def _about(metadata: bytes | None, where: str, name: str) -> dict[str, Any] | None:

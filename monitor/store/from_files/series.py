@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -139,19 +139,7 @@ def assess_series(series: Series) -> dict[str, Any]:
     files: list[dict[str, Any]] = []
     alerts: dict[tuple[int | None, str], dict[str, Any]] = {}
     warnings: list[dict[str, Any]] = []
-    given = dated(series)
-    mountings = [mounting for _, mounting in given]
-    for recording, mounting in zip(with_motions([recording for recording, _ in given]), mountings, strict=True):
-        outcome = assess(
-            recording,
-            robot=series.robot,
-            mounting=mounting,
-            belief=None if last is None else last.belief,
-            health=None if last is None else last.health,
-            model=None if last is None else last.model,
-            gains=series.gains,
-            settings=series.settings,
-        )
+    for recording, outcome in judged(dated(series), series.robot, series.gains, series.settings):
         at = recording.context.recorded_at_unix_s
         if isinstance(outcome, Rejected):
             files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "rejected", "reason": outcome.reason})
@@ -184,6 +172,28 @@ def assess_series(series: Series) -> dict[str, Any]:
     }
 
 
+def judged(
+    given: Sequence[tuple[Recording, Mounting]], robot: Robot, gains: Array | None, settings: AssessSettings
+) -> Iterator[tuple[Recording, Assessment | Rejected]]:
+    """The verdict of each recording with its mounting, in the order of their times, as `dated` gives them. Raises as `assess`."""
+    last: Assessment | None = None
+    mountings = [mounting for _, mounting in given]
+    for recording, mounting in zip(with_motions([recording for recording, _ in given]), mountings, strict=True):
+        outcome = assess(
+            recording,
+            robot=robot,
+            mounting=mounting,
+            belief=None if last is None else last.belief,
+            health=None if last is None else last.health,
+            model=None if last is None else last.model,
+            gains=gains,
+            settings=settings,
+        )
+        yield recording, outcome
+        if not isinstance(outcome, Rejected):
+            last = outcome
+
+
 def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: str | None) -> list[Entry]:
     """The entries that a command's arguments name. Raises BadInput."""
     if manifest_file is not None and (files or interval):
@@ -200,7 +210,12 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
     Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
     """
-    found = sorted((_read(series, entry) for entry in series.entries), key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
+    return in_order([_read(series, entry) for entry in series.entries])
+
+
+def in_order(given: Sequence[tuple[Recording, Mounting]]) -> list[tuple[Recording, Mounting]]:
+    """Dated recordings in the order of their times. Raises BadInput where two were made at the same time."""
+    found = sorted(given, key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
     for (one, _), (other, _) in pairwise(found):
         if one.context.recorded_at_unix_s == other.context.recorded_at_unix_s:
             raise BadInput(f"{one.source} and {other.source} were recorded at the same time; expected one recording at a time")

@@ -1,7 +1,6 @@
 """What a worker does once, before its first task."""
 
 import importlib
-import importlib.util
 import logging
 import os
 import secrets
@@ -49,11 +48,9 @@ OF_WORKERS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 def cluster(scheduler: str | None, workers: int | None, place: str) -> Iterator["Client"]:
     """A client of the scheduler at this address, or of a cluster on this machine with so many processes; one a core where None.
 
-    place : of the results, which all workers reach. Raises BadInput where Dask is not installed, nobody answers, or the workers run
+    place : of the results, which all workers reach. Raises BadInput where nobody answers, or the workers run
     another program or do not reach the results; ResultsRefused where this process does not.
     """
-    if importlib.util.find_spec("distributed") is None:
-        raise BadInput("reassess: computing on many processes needs dask, which is not installed; pip install 'joint-monitor[archive]'")
     import dask
     from distributed import Client
 
@@ -93,7 +90,7 @@ def _local(workers: int) -> Iterator[Any]:
             dashboard_address="127.0.0.1:0",  # not the usual port, which may be another cluster's
             host="127.0.0.1",
             env=OF_WORKERS | {f"DASK_{name.replace('.', '__').replace('-', '_').upper()}": str(value) for name, value in QUIET.items()},
-            security=importlib.util.find_spec("cryptography") is not None,  # TLS with keys of this run
+            security=True,  # TLS with keys of this run
             silence_logs=logging.CRITICAL,
         )
     with local:

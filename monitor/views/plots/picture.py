@@ -1,7 +1,6 @@
 """How a picture is written: as a PNG, or as SVG within one HTML file that needs no network."""
 
 import html
-import importlib.util
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,12 +13,6 @@ if TYPE_CHECKING:
 DPI = 110  # a figure 13 inches wide fills a screen of 1440 pixels
 
 
-def needs_drawing(option: str) -> None:
-    """Raises BadInput where what draws is not installed: the monitor itself runs without it."""
-    if importlib.util.find_spec("matplotlib") is None:
-        raise BadInput(f"{option}: drawing needs matplotlib, which is not installed; pip install 'joint-monitor[plots]'")
-
-
 def check_target(path: Path) -> None:
     """Check that a picture can be written to `path`; a command calls this before it computes. Raises BadInput."""
     if path.suffix.lower() not in {".png", ".html"}:
@@ -28,7 +21,6 @@ def check_target(path: Path) -> None:
         raise BadInput(f"--plot {path}: is a folder; expected the name of a file")
     if not path.parent.is_dir():
         raise BadInput(f"--plot {path}: the folder {path.parent} does not exist")
-    needs_drawing("--plot")
 
 
 def lay_out(figure: "Figure") -> None:

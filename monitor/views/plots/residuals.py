@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from monitor.identify.identification import Identification
+    from monitor.model.robot import Robot
+    from monitor.recording import Recording
+
 Mask = npt.NDArray[np.bool_]
 
 BINS = 24  # of one axis: wide enough for a smooth median, narrow enough to show the course near standstill
@@ -36,6 +40,20 @@ class Residuals(NamedTuple):
     moving: Mask
 
 
+def residuals_of(found: "Identification", arm: "Robot", recordings: "Sequence[Recording]", gains: Array | None = None) -> list[Residuals]:
+    """What an identified model does not explain of each of these recordings. Raises BadInput where they are not of its arm."""
+    from monitor.identify.signals.arm import joint_torque, motion_of
+    from monitor.identify.validate import held_out_settings, predict_motion
+
+    shown = []
+    for recording in recordings:
+        moved = motion_of(recording, arm, held_out_settings().signals)
+        parts = predict_motion(found, arm, moved)
+        residual = joint_torque(moved, arm, gains) - parts.torque
+        shown.append(Residuals(Path(moved.source).name, moved.qd, parts.rigid, moved.q, residual, moved.moving()))
+    return shown
+
+
 def residual_plot(path: Path, title: str, recordings: Sequence[Residuals]) -> None:
     """Draw the residual of every joint over speed, load and position. A curve that is not flat shows what the model lacks.
 
@@ -44,12 +62,12 @@ def residual_plot(path: Path, title: str, recordings: Sequence[Residuals]) -> No
     """
     check_target(path)
     try:
-        write_picture(path, _figure(title, recordings), title, LEGEND)
+        write_picture(path, residual_figure(title, recordings), title, LEGEND)
     except OSError as wrong:
         raise BadInput(f"--plot {path}: cannot be written: {wrong.strerror}") from None
 
 
-def _figure(title: str, recordings: Sequence[Residuals]) -> "Figure":
+def residual_figure(title: str, recordings: Sequence[Residuals]) -> "Figure":
     """A row of panels for each joint, a column for each abscissa."""
     from matplotlib.figure import Figure  # 0.5 s; without pyplot, which would look for a screen
 

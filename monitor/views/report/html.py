@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from monitor.errors import BadInput
-from monitor.views.plots.picture import lay_out, needs_drawing
+from monitor.views.plots.picture import lay_out
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,7 +71,6 @@ def check_page(path: Path) -> None:
         raise BadInput(f"-o {path}: expected a name that ends in .html")
     if path.is_dir() or not path.parent.is_dir():
         raise BadInput(f"-o {path}: expected the name of a file in a folder that exists")
-    needs_drawing("-o")
 
 
 def escaped(value: object) -> str:
