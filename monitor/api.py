@@ -101,6 +101,7 @@ def read(
     data: Data,
     *,
     columns: str | None = None,
+    rate_hz: float | None = None,
     recorded_at: Moment | None = None,
     payload_kg: float | None = None,
     mounting: Attitude | None = None,
@@ -111,7 +112,8 @@ def read(
     A table has RTDE's names: `timestamp` [s], or times as dates, or its index; `actual_q_0` … `actual_q_5` [rad], and where there are such
     `actual_qd_0` … [rad/s], `actual_current_0` … [A] or `actual_torque_0` … [N·m], `joint_temperatures_0` … [°C] and more. A mapping may
     have one array (N, J) for all joints instead: `{"timestamp": t, "actual_q": q, …}`.
-    columns : the names in the order of the columns where the table has others, as the command's `--columns`.
+    columns : the names in the order of the columns where the table has others, as the command's `--columns`. rate_hz : rows a second, where it
+    tells no time.
     recorded_at : when it was made; UTC where it names no zone. payload_kg, mounting, maintenance : what is declared of it; where nothing is
     declared, what the recording says itself. Raises BadInput.
     """
@@ -119,12 +121,12 @@ def read(
     if isinstance(data, Recording):
         recording = data
     elif isinstance(data, str | Path):
-        recording = read_recording(data, columns)
+        recording = read_recording(data, columns, rate_hz)
     else:
         import pyarrow as pa
 
         table = table_of(data)
-        recording = rows_of_table(table, "table", columns).recording
+        recording = rows_of_table(table, "table", columns, rate_hz).recording
         if "timestamp" in table.column_names and recording.samples and pa.types.is_timestamp(table.schema.field("timestamp").type):
             dated_s = float(recording.t_s[0])
     said = recording.context

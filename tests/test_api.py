@@ -140,7 +140,7 @@ WRONG = {
     "a number": (lambda _: jm.read(3), "expected a file, a DataFrame, or a mapping"),
     "a list": (lambda _: jm.read([1, 2]), "expected a file, a DataFrame, or a mapping"),
     "without positions": (lambda _: jm.read(pd.DataFrame({"timestamp": [0.0], "speed": [1.0]})), "no joint positions"),
-    "texts": (lambda _: jm.read(ROWS | {"actual_current": [["a"] * 6] * 2}), "does not hold numbers"),
+    "texts": (lambda _: jm.identify(ROWS | {"actual_current": [["a"] * 6] * 2}, "ur5"), "table: "),
     "ragged": (lambda _: jm.read({"timestamp": [0.0, 1.0], "actual_q": [[0.0] * 6, [0.0] * 5]}), "table: "),
     "other lengths": (lambda _: jm.read(ROWS | {"timestamp": [0.0]}), "table: "),
     "mixed": (lambda _: jm.read(pd.DataFrame({"timestamp": ["a", 1.0]})), "table: "),

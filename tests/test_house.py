@@ -189,7 +189,7 @@ def test_whatever_moves_an_arm_in_real_time_is_marked():
 
 
 FOLDERS = {".ci", "config", "deploy", "docs", "monitor", "tests"}
-TOP_LEVEL = FOLDERS | {".gitignore", "LICENSE", "Makefile", "README.md", "constraints.txt", "pyproject.toml"}
+TOP_LEVEL = FOLDERS | {".github", ".gitignore", "LICENSE", "Makefile", "README.md", "constraints.txt", "pyproject.toml"}
 
 
 def test_the_top_level_holds_what_belongs_there_and_nothing_else():

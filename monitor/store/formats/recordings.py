@@ -138,10 +138,10 @@ def _of_parquet(source: Any, where: str, columns: str | None = None, rate_hz: fl
             table = file.read(use_threads=False)
     except (pa.ArrowException, ValueError) as wrong:
         raise BadInput(f"{where}: is not readable Parquet: {str(wrong).splitlines()[0]}") from None
-    return rows_of_table(table, where, columns)
+    return rows_of_table(table, where, columns, rate_hz)
 
 
-def rows_of_table(table: "pa.Table", where: str, columns: str | None = None) -> ProductionRows:
+def rows_of_table(table: "pa.Table", where: str, columns: str | None = None, rate_hz: float | None = None) -> ProductionRows:
     """The recording in a table, as `read_production` takes it from Parquet. where : its name, for messages. Raises BadInput."""
     import pyarrow as pa
 
