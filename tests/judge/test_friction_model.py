@@ -447,3 +447,19 @@ def test_a_fleet_teaches_the_noise_of_its_next_arm():
     assert weights[lasting].sum() > 0.6 > (before / before.sum())[lasting].sum()
     nothing = noise_of_fleet(fleet.p[:, :0], fleet.scale[:, :0], J, model.noise)
     assert nothing.std == pytest.approx(model.noise.std)
+
+
+@pytest.mark.parametrize("wear", [0.08, 0.15])
+def test_two_joints_that_wear_at_once_are_both_found(wear):
+    rng, days = np.random.default_rng(16), 200
+    y = noise(rng, days, J, std=0.01)
+    y[150:, [1, 2]] += wear
+    first = {}
+
+    def every(day, state):
+        for n in np.flatnonzero(state.risen):
+            first.setdefault(int(n), day)
+
+    lived(y, FrictionModel(), every=every)
+    assert set(first) == {1, 2}
+    assert max(first.values()) <= 175
