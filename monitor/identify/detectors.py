@@ -258,7 +258,7 @@ def drives_unmeasured(motion: Motion) -> Iterator[Reason]:
         share = float(np.sum(lengths[long]) / count)
         every_s = float(np.mean(lengths)) * tick if len(lengths) else 0.0
         if count >= STUCK_ROWS and np.ptp(x[moving]) == 0.0:
-            yield CURRENT_STUCK(**which, value=x[moving][0], share=1.0)
+            yield CURRENT_STUCK(**which, value=x[moving][0] + 0.0, share=1.0)  # no −0
         elif np.sum(lengths) > 0.5 * count and every_s > HELD_S:
             yield CURRENT_HELD(**which, every_ms=1e3 * every_s)
         elif (cut := _cut_off(x)) is not None:
@@ -426,6 +426,7 @@ DETECTORS = (
     Detector(Motion, (LOW_RATE,), low_rate),
     Detector(Motion, (PAYLOAD,), payload),
     Detector(Motion, (TEMPERATURE_DRIFT,), temperature_drift),
+    Detector(Fitted, (fit.LIKELY_CAUSE,), fit.likely_cause),
     Detector(Fitted, (MOUNTING_CONTRADICTION,), fit.mounting_contradiction),
     Detector(Fitted, (fit.HARDLY_MOVES, fit.ONE_DIRECTION), fit.poorly_moved),
     Detector(Fitted, (fit.OUTLIERS,), fit.outliers),

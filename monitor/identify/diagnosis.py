@@ -11,12 +11,13 @@ from functools import cached_property
 
 import numpy as np
 
+from monitor.identify.explanations import AS_WELL, OTHER_GAIN, OTHER_MOUNTING, OTHER_OFFSET, Explained, Explanations, unit_cause
 from monitor.identify.fit.covariance import Causes
 from monitor.identify.fit.fit import Fit, FitProblem
 from monitor.identify.fit.jackknife import CORRELATED_S
 from monitor.identify.fit.least_squares import Felt, Rows, best_condition, together
 from monitor.identify.gain_check import GAIN_DOUBTFUL, gain_warnings
-from monitor.identify.mounting import mounting_check
+from monitor.identify.mounting import Upward, contradicting, mounting_warning
 from monitor.identify.signals.filters import low_pass
 from monitor.model.base import Base
 from monitor.model.friction import smooth_sign
@@ -56,6 +57,12 @@ REFERENCE_RAD_S = 0.4  # at which friction is compared: every joint in motion re
 COUPLINGS = tuple(sign * quarter / 4.0 for quarter in range(1, 9) for sign in (1.0, -1.0))
 
 
+LIKELY_CAUSE = Sentence(
+    "likely_cause",
+    "most likely {cause}{instead}: the joint that fits worst misses {left:.0%} of its torque then, and {share:.0%} as the recording is; "
+    "nothing that was found of these joints is to be trusted",
+)
+OR_CAUSE = Sentence("or_cause", "; or {cause}")
 HARDLY_MOVES = Sentence(
     "joint_hardly_moves",
     "joint {joint} moves in {share:.0%} of the samples and never faster than {fastest_rad_s:.2g} rad/s: its friction is a guess",
@@ -105,6 +112,10 @@ FRICTION_SIZE = Sentence(
     "friction_size",
     "joint {joint}: friction of {friction_nm:.3g} N·m is {share:.2%} of the {most_nm:g} N·m that the joint can give: "
     "joint gains, or the unit of current or torque, are wrong",
+)
+UNIT_SIZE = Sentence(
+    "unit_size",
+    "{cause}: friction and weight are of sizes then that the joints can have, and as it is {count} of {of} joints have others",
 )
 WEIGHT_SIZE = Sentence(
     "weight_size",
@@ -170,6 +181,35 @@ class Fitted:
         return _traces(self.problem, self.causes, self.found)
 
     @cached_property
+    def upward(self) -> Upward | None:
+        """Gravity in the data, where it has another direction than the mounting gives it."""
+        equations = self.problem.equations
+        return contradicting([eq.motion for eq in equations], [eq.torque_nm for eq in equations], self.robot, self.mounting)
+
+    @cached_property
+    def explained(self) -> list[Explained]:
+        """What else the recordings may be, the likeliest first; none for sound recordings."""
+        equations, up = self.problem.equations, self.upward
+        motions, torques = [eq.motion for eq in equations], [eq.torque_nm for eq in equations]
+        causes = Explanations(motions, torques, self.robot, self.mounting, None if up is None else up.mounting)
+        return causes.likeliest() if up is not None or self.poor.any() or causes.doubtful else []
+
+    @property
+    def other(self) -> Explained | None:
+        """The likeliest cause, where it is one that has no warning of its own: neither mounting nor offset, nor a gain of a sound fit."""
+        best = self.explained[0] if self.explained else None
+        if best is None or best.cause.code in (OTHER_MOUNTING.code, OTHER_OFFSET.code):
+            return None
+        if best.cause.code == OTHER_GAIN.code and not self.poor.any():
+            return None
+        return best if best.worst < POOR or not any(self.coupled.values()) else None
+
+    @cached_property
+    def coupled(self) -> dict[int, tuple[int, float] | None]:
+        """What `_coupled` says of each joint (from 0) whose residual is large."""
+        return {int(j): _coupled(self.problem, self.found, int(j)) for j in np.flatnonzero(self.poor)}
+
+    @cached_property
     def wrong_sizes(self) -> list[Reason]:
         """What `sizes_doubtful` finds."""
         return list(_wrong_sizes(self))
@@ -178,12 +218,24 @@ class Fitted:
 # --- Motion, rows and solution ---------------------------------------------------------------------------
 
 
+def likely_cause(fitted: Fitted) -> Iterator[Reason]:
+    """What the recordings are, rather than what they were given as."""
+    best = fitted.other
+    if best is None:
+        return
+    others = [one for one in fitted.explained[1:] if one.drives == best.drives and one.score < best.score + AS_WELL]
+    instead = OR_CAUSE(cause=others[0].cause) if others else ""
+    worst = float(np.nanmax(fitted.relative_rms[fitted.seen]))
+    yield LIKELY_CAUSE(cause=best.cause, instead=instead, share=worst, left=best.worst)
+
+
 def mounting_contradiction(fitted: Fitted) -> Iterator[Reason]:
-    """Gravity in the data has another direction than the mounting says."""
+    """Gravity in the data has another direction than the mounting says, and nothing else explains the data better."""
+    if fitted.upward is None or (fitted.explained and fitted.explained[0].cause.code != OTHER_MOUNTING.code):
+        return
     equations = fitted.problem.equations
-    found = mounting_check([eq.motion for eq in equations], [eq.torque_nm for eq in equations], fitted.robot, fitted.mounting)
-    if found is not None:
-        yield found
+    motions, torques = [eq.motion for eq in equations], [eq.torque_nm for eq in equations]
+    yield mounting_warning(fitted.upward, motions, torques, fitted.robot, fitted.mounting)
 
 
 def moving_share(moving: Sequence[Mask]) -> Array:
@@ -237,7 +289,7 @@ def poorly_excited(fitted: Fitted) -> Iterator[Reason]:
 def negative_friction(fitted: Fitted) -> Iterator[Reason]:
     """Friction that would drive a joint."""
     for j, (fc, fv) in enumerate(fitted.friction):
-        if fc < 0.0 or fv < 0.0:
+        if (fc < 0.0 or fv < 0.0) and fitted.other is None:
             yield UNPHYSICAL_FRICTION(joint=j + 1, fc_nm=fc, fv_nm_s_per_rad=fv)
 
 
@@ -253,7 +305,7 @@ def far_from_physical(fitted: Fitted) -> Iterator[Reason]:
 def torque_delayed(fitted: Fitted) -> Iterator[Reason]:
     """Torque that comes late or early, in all joints or in some."""
     seen = fitted.seen
-    if not seen.any():
+    if fitted.other is not None or not seen.any():
         return
     traces = _shifted(fitted.problem, fitted.found, fitted.traces, fitted.poor) if fitted.poor.any() else fitted.traces
     late, std = traces.late_s, traces.late_std_s
@@ -297,9 +349,9 @@ def _shifted(problem: FitProblem, found: Fit, traces: _Traces, poor: Mask) -> _T
 
 
 def _well_described(fitted: Fitted) -> Mask | None:
-    """(J,) the joints that the model describes well; None where they are fewer than half."""
+    """(J,) the joints that the model describes well; None where they are fewer than half, or the recording is another one."""
     well = fitted.seen & ~fitted.poor
-    return well if np.sum(well) >= 0.5 * len(well) else None
+    return well if fitted.other is None and np.sum(well) >= 0.5 * len(well) else None
 
 
 def torque_smoothed(fitted: Fitted) -> Iterator[Reason]:
@@ -339,6 +391,8 @@ def torque_drifts(fitted: Fitted) -> Iterator[Reason]:
 
 def torque_offset(fitted: Fitted) -> Iterator[Reason]:
     """Torque with an offset, which looks like weight."""
+    if fitted.other is not None:
+        return
     traces = fitted.traces
     sure = np.abs(traces.offset_nm) > np.maximum(SURE * traces.offset_std_nm, OFFSET * np.abs(fitted.friction_nm))
     for j in np.flatnonzero(sure):
@@ -349,7 +403,9 @@ def poor_fit(fitted: Fitted) -> Iterator[Reason]:
     """Joints whose residual is large, and what explains it."""
     for j in np.flatnonzero(fitted.poor).tolist():
         also: Reason | str = ""
-        if (coupled := _coupled(fitted.problem, fitted.found, j)) is not None:
+        if fitted.other is not None:
+            pass  # it explains these joints too
+        elif (coupled := fitted.coupled[j]) is not None:
             other, share = coupled
             also = COUPLED(joint=j + 1, share=share, other=other + 1)
         elif (cause := _explained_by(fitted.found, j, fitted.robot.joints)) is not None:
@@ -359,13 +415,14 @@ def poor_fit(fitted: Fitted) -> Iterator[Reason]:
 
 def gains_doubtful(fitted: Fitted) -> Iterator[Reason]:
     """Gains that contradict each other or the arm's weight, where the fit is otherwise sound."""
-    if not fitted.poor.any() and not fitted.wrong_sizes:
+    if fitted.other is None and not fitted.poor.any() and not fitted.wrong_sizes:
         yield from gain_warnings(fitted.problem, fitted.found, fitted.causes, fitted.robot, fitted.mounting, fitted.base)
 
 
 def sizes_doubtful(fitted: Fitted) -> Iterator[Reason]:
     """Friction or weight of a size that the joint cannot have."""
-    yield from fitted.wrong_sizes
+    if fitted.other is None or fitted.other.cause.code == OTHER_GAIN.code:
+        yield from fitted.wrong_sizes
 
 
 def _wrong_sizes(fitted: Fitted) -> Iterator[Reason]:
@@ -378,18 +435,29 @@ def _wrong_sizes(fitted: Fitted) -> Iterator[Reason]:
         cross += np.mean(found_nm * given_nm, axis=0)
         own += np.mean(given_nm**2, axis=0)
         theirs += np.mean(found_nm**2, axis=0)
-    least, largest = FRICTION_SHARE["torque" if any(eq.motion.torque is not None for eq in problem.equations) else "current"]
-    for j in range(robot.joints):
-        most = float(robot.max_torque_nm[j])
-        share = abs(float(friction_nm[j])) / most
-        if not (np.isfinite(most) and np.isfinite(share)):
-            continue
-        if not least < share < largest:
-            yield GAIN_DOUBTFUL(why=FRICTION_SIZE(joint=j + 1, friction_nm=friction_nm[j], share=share, most_nm=most))
-        elif np.sqrt(own[j]) > HEAVY * most and abs(cross[j]) > ALIKE * np.sqrt(own[j] * theirs[j]):
-            ratio = float(cross[j] / own[j])
-            if not WEIGHT_RATIO[0] < ratio < WEIGHT_RATIO[1]:
-                yield GAIN_DOUBTFUL(why=WEIGHT_SIZE(joint=j + 1, ratio=ratio))
+    measured = any(eq.motion.current is None for eq in problem.equations)
+    least, largest = FRICTION_SHARE["torque" if measured else "current"]
+    most = np.where(np.isfinite(robot.max_torque_nm), robot.max_torque_nm, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share, ratio = np.abs(friction_nm) / most, cross / own
+        weighs = (np.sqrt(own) > HEAVY * most) & (np.abs(cross) > ALIKE * np.sqrt(own * theirs))
+
+    def wrong(share: Array, ratio: Array) -> tuple[Mask, Mask]:
+        """(J,) the joints whose friction, and those whose weight, is of another size than they can have; NaN is of none."""
+        rubs = np.isfinite(share) & ~((share > least) & (share < largest))
+        return rubs, np.isfinite(share) & ~rubs & weighs & ~((ratio > WEIGHT_RATIO[0]) & (ratio < WEIGHT_RATIO[1]))
+
+    rubs, heavy = wrong(share, ratio)
+    count, of = int(np.sum(rubs | heavy)), int(np.sum(np.isfinite(share)))
+    cause, factor = unit_cause(robot, measured=measured)
+    if count and not np.any(wrong(share * factor, ratio * factor)):
+        yield GAIN_DOUBTFUL(why=UNIT_SIZE(cause=cause, count=count, of=of))
+        return
+    for j in np.flatnonzero(rubs | heavy).tolist():
+        if rubs[j]:
+            yield GAIN_DOUBTFUL(why=FRICTION_SIZE(joint=j + 1, friction_nm=friction_nm[j], share=share[j], most_nm=most[j]))
+        else:
+            yield GAIN_DOUBTFUL(why=WEIGHT_SIZE(joint=j + 1, ratio=ratio[j]))
 
 
 def _traces(problem: FitProblem, causes: Causes, found: Fit) -> _Traces:

@@ -70,16 +70,22 @@ UP_OPEN = Sentence("up_open", "; up and down stay open: the opposite direction e
 OFFSET_AS_WELL = Sentence("offset_as_well", "; an offset of a joint's current or torque would explain it as well")
 
 
-def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Reason | None:
-    """The warning `mounting_contradiction` where gravity in the data has another direction than the mounting gives it, else None.
-
-    torques : (N, J) [N·m] of each motion.
-    """
+def contradicting(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Upward | None:
+    """Gravity in the data where it has another direction than the mounting gives it, else None. torques : (N, J) [N·m] of each motion."""
     if not motions or _agrees(motions, torques, robot, mounting):
         return None
     found = upward(motions, torques, robot, mounting)
-    if not found.contradicts or not math.degrees(found.std_rad) < VAGUE_DEG:
-        return None
+    return found if found.contradicts and math.degrees(found.std_rad) < VAGUE_DEG else None
+
+
+def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Reason | None:
+    """The warning `mounting_contradiction`, or None. Arguments as for `contradicting`."""
+    found = contradicting(motions, torques, robot, mounting)
+    return None if found is None else mounting_warning(found, motions, torques, robot, mounting)
+
+
+def mounting_warning(found: Upward, motions: Sequence[Motion], torques: Sequence[Array], robot: Robot, mounting: Mounting) -> Reason:
+    """The warning of what `contradicting` has found."""
     offset: Reason | str = ""
     if not upward(motions, torques, robot, mounting, offsets=True).contradicts:
         offset = OFFSET_AS_WELL()
@@ -89,7 +95,7 @@ def mounting_check(motions: Sequence[Motion], torques: Sequence[Array], robot: R
         angle_deg=angle_deg,
         std_deg=max(std_deg, 0.1),
         mounting=_called(mounting),
-        likely=_likely(found.up),
+        likely=likely_text(found.mounting),
         sign=sign,
         offset=offset,
     )
@@ -174,8 +180,8 @@ class _Problem:
         self.size = 0.0
         for j in range(robot.joints):
             A = np.concatenate([blocks[j][:, used[:, j]] for blocks, used in rows], axis=1)  # (K, n)
-            if A.shape[1] <= B + 3 * W + 1:
-                continue  # the joint hardly moves
+            if A.shape[1] <= B + 3 * W + 1 or not np.any(A[-1]):
+                continue  # the joint hardly moves, or nobody measured its torque
             own = [base.count + j] if offsets else []
             places = np.concatenate([felt.places[j], own, *(B + k * W + weights.places[j] for k in range(3)), [B + 3 * W]]).astype(np.intp)
             size = np.linalg.norm(A, axis=1)
@@ -317,9 +323,9 @@ def _called(mounting: Mounting) -> str:
     return ",".join(f"{math.degrees(angle):g}" for angle in mounting.angles_rad)
 
 
-def _likely(up: Array) -> str:
-    """The direction as a mounting: its angles [°], with a name where one is near."""
-    likely = mounting_with_up(up)
+def likely_text(likely: Mounting) -> str:
+    """A mounting with yaw 0: its angles [°], with a name where one is near."""
+    up = -likely.gravity_in_base / np.linalg.norm(likely.gravity_in_base)
     roll, pitch, _ = (math.degrees(angle) + 0.0 if abs(angle) > math.radians(0.5) else 0.0 for angle in likely.angles_rad)  # no −0
     angles = f"roll {roll:.0f}°, pitch {pitch:.0f}°"
     for name, known in _KNOWN.items():

@@ -3,6 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
+from monitor.identify.detectors import CURRENT_STUCK
+from monitor.identify.diagnosis import LIKELY_CAUSE, POOR, UNIT_SIZE
+from monitor.identify.explanations import OTHER_GAIN
+from monitor.identify.gain_check import GAIN_DOUBTFUL
+from monitor.identify.identification import Identification
 from monitor.identify.settings import QualitySettings
 from monitor.reason import Reason, Sentence
 
@@ -30,4 +35,21 @@ def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualityS
         return FELL_BEHIND(behind_s=slipped, most_s=settings.max_slipped_s)
     if scaling is not None and scaling < settings.min_speed_scaling:
         return SLIDER_WENT_DOWN(percent=100.0 * scaling)
+    return None
+
+
+def not_of_the_arm(identification: Identification) -> Reason | None:
+    """Why the recordings are not what they were given as, whatever the arm does: other columns, signs, units, no reading.
+
+    None where they may be. A gain is the arm's own matter: a drive may have been changed.
+    """
+    for warning in identification.warnings:
+        why, cause, left = (warning.parameters.get(name) for name in ("why", "cause", "left"))
+        surely = isinstance(left, float) and left < POOR
+        if warning.code == LIKELY_CAUSE.code and surely and isinstance(cause, Reason) and cause.code != OTHER_GAIN.code:
+            return warning
+        if warning.code == GAIN_DOUBTFUL.code and isinstance(why, Reason) and why.code == UNIT_SIZE.code:
+            return why
+        if warning.code == CURRENT_STUCK.code and warning.parameters["share"] == 1.0:
+            return warning
     return None

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
-from monitor.identify.quality import quality_problem
+from monitor.identify.quality import not_of_the_arm, quality_problem
 from monitor.identify.settings import QualitySettings
 from monitor.judge import prediction_error
 from monitor.judge.alerts.health import Health
@@ -109,6 +109,8 @@ def judge_identification(
     refused = _refusal(at, belief)
     if refused or at is None:
         return refused or Rejected(WITHOUT_TIME())
+    if (other := not_of_the_arm(identification)) is not None:
+        return Rejected(NOT_TRUSTED(why=other))
     if belief is None:
         belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
     _belong_together(identification, belief, health, settings)

@@ -149,6 +149,7 @@ def equations_of(
 
     Y = Felt(moved.samples, base.count, felt.places, make)
     used = np.ones(torque_nm.shape, dtype=bool) if all_rows else moved.moving(moving_rad_s)
+    used &= np.ptp(torque_nm, axis=0) > ROUNDING * np.max(np.abs(torque_nm), axis=0)  # what never changes was not measured
     return Equations(motion=moved, Y=Y, torque_nm=torque_nm, used=used, steps=block_steps(moved, block_s))
 
 
@@ -159,6 +160,7 @@ LOAD_ROUNDS = 3  # friction is a tenth of the torque, and the load's part a tent
 ROBUST_ROUNDS = 20  # at most
 ROBUST_SETTLED = 1e-3  # relative change of each joint's residual at which the rounds end
 STUDENT_FREEDOM = 4.0  # Student's t: 94 % efficient for normal noise, and without regard for an outlier of twenty deviations
+ROUNDING = 1e-9  # that a filter adds to a constant
 MAD = 1.4826  # median absolute deviation → standard deviation of normal noise
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.errors import BadInput
+from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.detectors import CURRENT_IS_TARGET, of_simulator, warnings_of
 from monitor.identify.document import identification_from_document
 from monitor.identify.identification import Identification
@@ -18,6 +18,7 @@ from monitor.identify.production.cut import CAUSES
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.gather import WINDOW_S, gather, initial
 from monitor.identify.production.information import ProductionInformation
+from monitor.identify.quality import not_of_the_arm
 from monitor.identify.settings import ProductionSettings
 from monitor.identify.signals.arm import refuse_other_arm, refuse_twice
 from monitor.identify.signals.units import in_si
@@ -77,6 +78,7 @@ def listen_to_files(
         in_units = in_si(production.recording)
         warnings += [warning.document() for warning in warnings_of(in_units)]
         repaired = in_units.recording
+        _refuse_other_columns(replace(production, recording=repaired), arm)
         if repaired.context.recorded_at_unix_s is None and known_times:
             repaired = replace(repaired, context=replace(repaired.context, recorded_at_unix_s=known_times[0]))
         told = _told(replace(production, recording=repaired), arm, request.settings, total, show)
@@ -94,6 +96,19 @@ def listen_to_files(
         "causes": {cause: CAUSES.get(cause, "at another temperature than most") for cause in found.left_out_s},
         "warnings": warnings,
     }
+
+
+def _refuse_other_columns(production: ProductionRows, arm: ProductionArm) -> None:
+    """Raises BadInput where the first window with enough motion says by itself that it is not what it was given as."""
+    for window in windows(production, WINDOW_S):
+        try:
+            found = identify([window.recording], arm.robot, arm.mounting, gains=arm.gains)
+        except Unidentifiable:
+            continue
+        if (other := not_of_the_arm(found)) is not None:
+            name = f"{production.recording.source}: "
+            raise BadInput(f"{name}{other.text.removeprefix(name)}; expected the columns and units of the replay, every joint measured")
+        return
 
 
 def _told(

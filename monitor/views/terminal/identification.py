@@ -105,7 +105,9 @@ def _print_ripple(console: Console, joints: list[dict[str, Any]]) -> None:
     for order, often in enumerate(("once", "twice", "four times")):
         pairs = [(joint["amplitude_a"][order], joint["std_a"][order]) for joint in joints]
         if any(amplitude is not None for amplitude, _ in pairs):
-            values = "  ".join("–" if amplitude is None else f"{1000 * amplitude:.0f} ± {1000 * std:.0f}" for amplitude, std in pairs)
+            values = "  ".join(
+                "–" if None in (amplitude, std) else f"{1000 * amplitude:.0f} ± {1000 * std:.0f}" for amplitude, std in pairs
+            )
             console.print(f"gear ripple, {often} a turn of the motor, in mA: {values}", highlight=False)
         hidden = [joint for joint in joints if joint["why_not"][order] == FAST]
         if hidden:

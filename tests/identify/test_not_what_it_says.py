@@ -1,0 +1,177 @@
+"""Recordings that are not what they say: friction comes out right all the same, or the true cause is named first or second."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faults import DRIVES, faults, permuted
+from oracle_arm import GROUND
+from own_physics import UR5, late, productioned_arm, with_current
+
+from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.identify import identify
+from monitor.identify.quality import not_of_the_arm
+from monitor.judge.assess import Rejected, assess
+from monitor.model.robot import Mounting, load_robot
+from monitor.reason import Reason
+from monitor.recording import Context
+from monitor.store.formats.recordings import read_recording
+from monitor.store.from_files.production_files import ListenRequest, listen_to_files
+
+HEALTHY = productioned_arm(4)
+FAULTS = dict(faults(UR5))
+RIGHT = 0.02  # of friction at 0.4 rad/s
+FEW = (
+    "exchanged_currents 5 6", "exchanged_joints 1 3", "exchanged_positions 2 4", "sign of current 3", "axis 2", "zero drive 3",
+    "drive 2 times 30", "zero of joint 3 by 90°", "all signs", "N·m for A", "A for N·m", "two signs",
+)  # fmt: skip
+
+
+def of_arm(recording, robot=UR5, gains=None):
+    found = identify([recording], robot, GROUND, gains=gains)
+    return found, found.friction_at(0.4)[0]
+
+
+def parts(reason):
+    """The codes of a reason and of all reasons in it, each with its joints."""
+    joints = {value for name, value in reason.parameters.items() if name in ("joint", "other") and isinstance(value, int)}
+    yield reason.code, joints
+    for value in reason.parameters.values():
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, Reason):
+                yield from parts(each)
+
+
+def named(fault, warnings):
+    """Whether one of these warnings names the fault and its joints."""
+    return any(code in fault.causes and fault.joints <= joints for warning in warnings for code, joints in parts(warning))
+
+
+def right_or_named(fault, recording, robot=UR5, gains=None):
+    """Whether friction is that of the sound recording, or the fault is told first or second. Sizes of friction, beside both."""
+    _, sound = of_arm(recording, robot, gains)
+    try:
+        found, friction = of_arm(fault.of(recording), robot, gains)
+    except (BadInput, Unidentifiable) as why:
+        return True, str(why)
+    known = np.isfinite(friction)
+    right = known.any() and bool(np.all(np.abs(friction / sound - 1.0)[known] < RIGHT))
+    return right or named(fault, found.warnings[:2]), [warning.text for warning in found.warnings]
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_a_fault_is_named_first_or_second_unless_friction_is_right(name):
+    """One of each kind."""
+    good, told = right_or_named(FAULTS[name], HEALTHY)
+    assert good, told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in FAULTS if name not in FEW])
+def test_every_fault_is_named_first_or_second_unless_friction_is_right(name):
+    """For every joint and every pair of joints."""
+    good, told = right_or_named(FAULTS[name], HEALTHY)
+    assert good, told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in FAULTS if "times" not in name and name != "A for N·m"])
+def test_every_fault_is_named_on_a_real_arm(name, real_data):
+    """On the 50 s of the UR10e whose gains its authors give."""
+    columns = "timestamp,actual_q:6,actual_qd:6,actual_current:6,target_current:6,target_moment:6"
+    gains = np.array([14.87, 13.26, 11.13, 10.62, 11.03, 11.47])
+    robot = load_robot("ur10e")
+    recording = read_recording(real_data / "ur10e" / "ur-20_02_10-30sec_12harm.csv", columns)
+    robot = replace(robot, torque_constant_nm_per_a=gains / robot.gear_ratio)
+    good, told = right_or_named(dict(faults(robot))[name], replace(recording, target_current=None), robot)
+    assert good, told
+
+
+def test_real_joints_in_alphabetical_order_are_named(real_data):
+    """A logger without names writes elbow, shoulder_lift, shoulder_pan, …: joints 1 and 3 exchanged."""
+    path = real_data / "arms" / "ur10_unisa" / "unisa_ur10_alphabetical_joint_order.csv"
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    found = identify([read_recording(path)], load_robot("ur10"), GROUND)
+    (cause,) = [warning for warning in found.warnings[:2] if warning.code == "likely_cause"]
+    assert ("exchanged_joints", {1, 3}) in list(parts(cause)), cause.text
+    assert "mounting_contradiction" not in {warning.code for warning in found.warnings}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 5, 6])
+def test_a_sound_recording_is_what_it_says(seed):
+    """No cause is made up."""
+    found, _ = of_arm(productioned_arm(seed))
+    assert found.warnings == ()
+    assert not_of_the_arm(found) is None
+
+
+@pytest.mark.parametrize(("folder", "robot"), [("ur3_brasilia", "ur3"), ("ur5_kufieta", "ur5"), ("nist_ur5", "ur5")])
+@pytest.mark.slow
+def test_no_cause_is_made_up_of_a_real_arm(folder, robot, real_data):
+    """Sound recordings of real arms, some of them slow, rough or poor."""
+    files = sorted((real_data / "arms" / folder).glob("*.csv")) if (real_data / "arms" / folder).exists() else []
+    if not files:
+        pytest.skip(f"{real_data / 'arms' / folder} is not here")
+    for path in files:
+        try:
+            found, _ = of_arm(read_recording(path), load_robot(robot))
+        except (BadInput, Unidentifiable):
+            continue
+        assert "likely_cause" not in {warning.code for warning in found.warnings}, (path.name, found.warnings)
+
+
+def test_another_mounting_is_a_mounting_and_nothing_else():
+    """Where gravity has another direction and all columns are right."""
+    found = identify([HEALTHY], UR5, Mounting.parse("wall"))
+    assert found.warnings[0].code == "mounting_contradiction"
+    assert "likely_cause" not in {warning.code for warning in found.warnings}
+
+
+def test_a_cause_leaves_no_other_cause_beside_it():
+    """Neither mounting nor coupled axes, late or offset torque are told of exchanged columns."""
+    found, _ = of_arm(permuted(HEALTHY, [0, 1, 2, 3, 5, 4], DRIVES))
+    assert {warning.code for warning in found.warnings} == {"likely_cause", "poor_fit"}
+    assert all("coupled" not in warning.text for warning in found.warnings)
+
+
+def test_a_drive_that_says_nothing_leaves_the_other_joints_their_friction():
+    """Its rows are no equations: friction of that joint is unknown, and no weight is missing elsewhere."""
+    _, sound = of_arm(HEALTHY)
+    found, friction = of_arm(with_current(HEALTHY, 2, lambda x: 0.0 * x))
+    assert np.isnan(friction[2])
+    np.testing.assert_allclose(np.delete(friction, 2), np.delete(sound, 2), rtol=RIGHT)
+    assert "mounting_contradiction" not in {warning.code for warning in found.warnings}
+    assert not_of_the_arm(found).code == "current_stuck"
+
+
+def test_late_currents_are_late_and_nothing_else():
+    """A delay is no exchange."""
+    found, _ = of_arm(late(HEALTHY, 0.1))
+    assert "likely_cause" not in {warning.code for warning in found.warnings}
+
+
+@pytest.mark.parametrize("name", ["exchanged_joints 1 3", "N·m for A", "zero drive 3", "sign of current 2"])
+def test_a_replay_that_is_not_of_the_arm_is_rejected_with_its_cause(name):
+    """No verdict is made of it: neither a payload nor wear."""
+    dated = replace(HEALTHY, context=Context(robot="ur5", recorded_at_unix_s=1e9))
+    outcome = assess(FAULTS[name].of(dated), robot=UR5, mounting=GROUND, belief=None, health=None)
+    assert isinstance(outcome, Rejected)
+    assert named(FAULTS[name], [outcome.reason]), outcome.reason.text
+    assert not isinstance(assess(dated, robot=UR5, mounting=GROUND, belief=None, health=None), Rejected)
+
+
+@pytest.mark.parametrize("name", ["exchanged_currents 5 6", "zero drive 3"])
+def test_production_that_is_not_of_the_arm_is_refused_with_its_cause(name, tmp_path):
+    """`listen` never says that something else is in the hand where a column is wrong."""
+
+    def written(recording, file):
+        header = ["timestamp", *(f"actual_{s}_{j}" for s in ("q", "qd", "current") for j in range(6))]
+        rows = np.column_stack([recording.t_s, recording.q, recording.qd, recording.current])
+        np.savetxt(tmp_path / file, rows, delimiter=",", header=",".join(header), comments="")
+        return tmp_path / file
+
+    replay, wrong = written(HEALTHY, "replay.csv"), written(FAULTS[name].of(HEALTHY), "work.csv")
+    request = ListenRequest(files=[wrong], rigid=replay, history=None, robot=UR5, mounting=GROUND)
+    with pytest.raises(BadInput, match=r"work.csv: .*(exchanged|stays at 0).*expected the columns and units of the replay"):
+        listen_to_files(request, load_robot, lambda *_: None)
