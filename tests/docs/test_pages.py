@@ -297,3 +297,13 @@ def test_the_picture_is_there_and_small():
     assert f"](docs/{picture.name})" in PAGES["README.md"]
     assert f"]({picture.name})" in PAGES["docs/index.md"]
     assert 10_000 < picture.stat().st_size <= 200_000
+
+
+def test_every_figure_of_the_verdict_stands_among_all_figures():
+    """The short page is written by hand: a new card would leave it behind."""
+    card = PAGES["docs/figures.md"].replace("%", " %")
+    page = PAGES["docs/validation.md"].partition("Try it with")[0].replace("%", " %")
+    told = set(re.findall(r"\d+\.\d+", page)) | set(re.findall(r"(?<=\| )\d+(?= \(\d)", page)) | set(re.findall(r"\| (\d+) \|", page))
+    assert len(told) > 20
+    for figure in told:
+        assert re.search(rf"(?<![\d.]){re.escape(figure)}(?![\d.])", card), figure

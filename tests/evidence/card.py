@@ -22,7 +22,7 @@ from . import at_least_one
 from .torque import study_arm, summary, surrogate
 from .worlds_card import ARMS, SEED_ABOVE, WORLDS_HEAD, noise_known_documents, world_documents, worlds_section
 
-TARGET = Path("docs/validation.md")
+TARGET = Path("docs/figures.md")
 END = "\n<!-- `make card` writes what stands above this line, and keeps what stands below it. -->\n"
 NOTES = {
     "step": """
@@ -50,9 +50,9 @@ SEED = 662607
 SLOW_PER_YEAR = 0.10  # wear up to this rate is undetected for months: its interval must hold without a detection
 REPLAYS, TESTS = 40, 12  # of each arm of full physics: for learning, and for predicting
 EXCITATION = Path("config/excitation/ur5-ground.json")
-HEAD = """# What the verdicts are worth
+HEAD = """# All figures
 
-`make card` writes this page up to "Try your own thresholds", from seed {seed}: {years:.0f} robot-years of simulated UR5s without wear, and
+[What the verdicts are worth](validation.md) is the verdict; this page is where each of its figures comes from. `make card` writes this page up to "Try your own thresholds", from seed {seed}: {years:.0f} robot-years of simulated UR5s without wear, and
 {worn} arms in which one joint wears.
 
 - Friction and heat are those of the simulator: friction is concave in speed, depends on load, and falls exponentially with the temperature
