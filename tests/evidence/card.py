@@ -52,7 +52,8 @@ REPLAYS, TESTS = 40, 12  # of each arm of full physics: for learning, and for pr
 EXCITATION = Path("config/excitation/ur5-ground.json")
 HEAD = """# All figures
 
-[What the verdicts are worth](validation.md) is the verdict; this page is where each of its figures comes from. `make card` writes this page up to "Try your own thresholds", from seed {seed}: {years:.0f} robot-years of simulated UR5s without wear, and
+[What the verdicts are worth](validation.md) is the verdict; this page is where each of its figures comes from.
+`make card` writes this page up to "Try your own thresholds", from seed {seed}: {years:.0f} robot-years of simulated UR5s without wear, and
 {worn} arms in which one joint wears.
 
 - Friction and heat are those of the simulator: friction is concave in speed, depends on load, and falls exponentially with the temperature
