@@ -18,6 +18,7 @@ from monitor.errors import BadInput, StoreError
 from monitor.identify.production.arm import ProductionRows
 from monitor.recording import Array, Context, Recording
 from monitor.store.formats.arrays import is_arrays, read_arrays
+from monitor.store.formats.bags import bag_ends, read_bag
 from monitor.store.formats.columns import layout_as_written, layout_of_table, named_columns, recorded
 from monitor.store.formats.others import refuse_others, refuse_unpacked, unpacked
 from monitor.store.formats.text_recordings import number, read_text, time_of
@@ -40,11 +41,17 @@ def read_production(path: str | Path, columns: str | None = None, rate_hz: float
     """`read_recording` with the columns that only production needs, as far as the file has them. Raises as `read_recording`."""
     path = Path(path)
     try:
-        if path.is_dir():
+        if path.is_dir() and not (path / "metadata.yaml").is_file():  # that of a bag
             raise BadInput(f"{path}: is a folder; expected a recording (Parquet or CSV)")
+        if path.is_dir():
+            return read_bag(path, columns, rate_hz)
         if path.exists() and not path.is_file():
             raise BadInput(f"{path}: is no file; expected a recording, CSV or Parquet")
         content = path.read_bytes()
+        if (bag := bag_ends(content)) is not None:
+            if path.suffix != bag:
+                raise BadInput(f"{path}: is a bag of ROS by its content; expected a name that ends in {bag}")
+            return read_bag(path, columns, rate_hz)
         return _read(unpacked(content, str(path)), str(path), columns, rate_hz)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None
