@@ -292,7 +292,10 @@ def _instead(names: Sequence[str], groups: Mapping[str, Sequence[int]]) -> str:
     targets = [name for name in names if name.startswith("target_")]
     if targets:
         return f"only targets such as {targets[0]}: these are what the controller wanted, and friction shows only in what the arm did"
-    pattern_of = {name: _braced(*group) for group in groups.items() if len(group[1]) > 1 for name in _names(*group)}
+    pattern_of: dict[str, str] = {}
+    for pattern, numbers in groups.items():
+        if len(numbers) > 1:
+            pattern_of |= dict.fromkeys(_names(pattern, numbers), _braced(pattern, numbers))
     shown = ", ".join(dict.fromkeys(pattern_of.get(name, name) for name in names if name))[:300]
     return f"so nothing can be identified from it; it names {shown}. Where they stand under other names, say so with --columns {EXAMPLE}"
 
