@@ -168,6 +168,7 @@ def allow(
     """Let the arm move again after a stop that a person had to look at, or accept another arm; who and why are kept with it."""
     from monitor.publish.timestamps import rfc3339
     from monitor.service.left_arm import let_back
+    from monitor.service.monitor_document import present_unix_s, read_monitor_document
     from monitor.store.history.motions import LET_BACK, WAY_BACK
     from monitor.store.store import Store
 
@@ -175,12 +176,13 @@ def allow(
     for option, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
+    now_unix_s = present_unix_s(read_monitor_document(configuration.state_directory), time.time())  # a trial has its own time
     with Store.shared(configuration.state_directory) as store:
-        store.motions.give_up_left_over(time.time())  # a motion without a known end waits for a person too
+        store.motions.give_up_left_over(now_unix_s)  # a motion without a known end waits for a person too
         back = let_back(configuration, store) if way_back else None
         if back is not None:
-            store.stops.add(WAY_BACK, LET_BACK(back=back), time.time())
-        waiting = store.stops.allow(by.strip(), why.strip(), time.time())
+            store.stops.add(WAY_BACK, LET_BACK(back=back), now_unix_s)
+        waiting = store.stops.allow(by.strip(), why.strip(), now_unix_s)
     stops = [{"at": rfc3339(stop.at_unix_s), "cause": stop.cause, **stop.said.document(), "serial": stop.serial} for stop in waiting]
     others = [stop.serial for stop in waiting if stop.serial is not None]
     if as_json:

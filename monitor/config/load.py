@@ -137,6 +137,9 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[Mistake]
         excitation = dataclasses.replace(excitation, repetitions=repetitions, time_scale=time_scale)
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
         mistakes.append(of_key(("store", "directory"), f"{sections['store'].directory!r}: expected the path of a folder"))
+    elif sections["store"] and sections["store"].directory.startswith("~"):
+        reason = f"{sections['store'].directory!r}: ~ is no home here; expected the whole path, e.g. {str(STATE / path.stem)!r}"
+        mistakes.append(of_key(("store", "directory"), reason))
     if sections["inspection"]:
         _check_inspection(sections["inspection"], mistakes)
     sections["bus"] = _with_zenoh_files(sections["bus"], path, mistakes)
@@ -211,11 +214,19 @@ def _read_files(configuration: Configuration, mistakes: list[Mistake], *, secret
         _checked(mistakes, ("bus", "client_zenoh"), lambda: check_syntax(bus.client_zenoh))
     if page.listen and (secrets_needed or not page.token_file.startswith(FOLDER)):
         _checked(mistakes, ("page", "token_file"), lambda: page.token(configuration.path.parent))
+    _checked(mistakes, ("store", "directory"), lambda: _refuse_file(configuration.state_directory))
     _checked(mistakes, ("store", "directory"), lambda: refuse_network(configuration.state_directory))
     if archive is not None:
         if secrets_needed or not archive.keys_file.startswith(FOLDER):
             _checked(mistakes, ("store", "recordings_keys_file"), lambda: keys_of(archive))
         _checked(mistakes, ("store", "recordings_ca_file"), lambda: authority_of(archive))
+
+
+def _refuse_file(directory: Path) -> None:
+    """Raises BadInput where the history's folder, or one above it, is a file."""
+    there = next(path for path in (directory, *directory.parents) if os.path.lexists(path))
+    if there.exists() and not there.is_dir():
+        raise BadInput(f"{there} is a file; expected a folder, or a path that does not exist yet")
 
 
 def _checked(mistakes: list[Mistake], key: tuple[str, ...], make: Callable[[], Made]) -> Made | None:

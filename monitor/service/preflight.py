@@ -1,5 +1,6 @@
 """Preflight: the conditions that the service itself needs, each by name: configuration, history, disk, clock, and the kernel's filter."""
 
+import math
 import os
 import shutil
 import sqlite3
@@ -11,10 +12,13 @@ from pathlib import Path
 
 from monitor.acquire.ending import AND_THEN
 from monitor.acquire.safety.inputs import ConditionResult
+from monitor.acquire.schedule.windows import HORIZONS_DAYS, Window, windows
+from monitor.acquire.settings import ReplaySettings
 from monitor.config.schema import Configuration
 from monitor.errors import StoreError
 from monitor.publish.timestamps import rfc3339
 from monitor.reason import Sentence
+from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import misfit
 from monitor.service.node import node_conditions
 from monitor.store.archive.archive import Archive
@@ -43,6 +47,13 @@ CLOCK_BEHIND = Sentence("clock_behind_history", "{now}: the history knows of {kn
 SYNCHRONISED = Sentence("clock_synchronised", "{now}, synchronised")
 NOT_SYNCHRONISED = Sentence("clock_not_synchronised", "{now}, not synchronised: drifting hours would shift the windows")
 SYNCHRONISED_UNKNOWN = Sentence("clock_synchronised_unknown", "{now}; whether it is synchronised, nobody here says")
+NO_WINDOWS = Sentence("schedule_without_windows", "neither cron nor every_h: replays are made where somebody or something asks for them")
+NEVER_OPENS = Sentence("schedule_never_opens", "cron = {cron!r} names no time within {days} days: expected one that comes, e.g. 0 3 * * *")
+NEVER_MEETS = Sentence(
+    "schedule_never_meets",
+    "no window of the schedule within {days} days lies in windows_utc ({windows}), e.g. not that of {first}: the arm would never move",
+)
+NEXT_WINDOW = Sentence("schedule_next_window", "the next window opens at {at}")
 LOCK_NOT_TRIED = Sentence("socket_lock_not_tried", "it could not be tried: {why}")
 LOCK_WORKS = Sentence("socket_lock_works", "the kernel lets the process that moves the arm forbid itself new connections")
 LOCK_FAILS = Sentence("socket_lock_fails", "{why}: nothing moves without it; a systemd unit must permit the system call seccomp")
@@ -57,6 +68,7 @@ def service_conditions(configuration: Configuration, now_unix_s: float | None = 
         _history(configuration),
         _disk(configuration),
         _clock(configuration, now),
+        _schedule(configuration, now),
         _socket_lock(configuration),
         *_archive(configuration),
         *node_conditions(configuration),
@@ -143,6 +155,29 @@ def _clock(configuration: Configuration, now: float) -> ConditionResult:
     synchronised = _synchronised()
     sentence = {True: SYNCHRONISED, False: NOT_SYNCHRONISED, None: SYNCHRONISED_UNKNOWN}[synchronised]
     return ConditionResult(name="clock", holds=True, reason=sentence(now=rfc3339(now)), checked=synchronised is True)
+
+
+def _schedule(configuration: Configuration, now: float) -> ConditionResult:
+    """Whether the clock opens windows within the days that are searched, and the arm may move in one of them."""
+    settings, replay = configuration.schedule, configuration.replay
+    if not settings.cron.strip() and not settings.every_h:
+        return ConditionResult(name="schedule", holds=True, reason=NO_WINDOWS())
+    days = HORIZONS_DAYS[-1]
+    found = windows(settings, now, now + days * DAY_S, None, configuration.key_prefix)
+    if not found:
+        return ConditionResult(name="schedule", holds=False, reason=NEVER_OPENS(cron=settings.cron, days=days))
+    allowed = next((each for each in found if _may_move(replay, each)), None)
+    if allowed is None:
+        spans = ", ".join(replay.windows_utc)
+        first = rfc3339(found[0].opens_unix_s)
+        return ConditionResult(name="schedule", holds=False, reason=NEVER_MEETS(windows=spans, first=first, days=days))
+    return ConditionResult(name="schedule", holds=True, reason=NEXT_WINDOW(at=rfc3339(allowed.opens_unix_s)))
+
+
+def _may_move(replay: ReplaySettings, window: Window) -> bool:
+    """Whether the arm may move at some minute of a window."""
+    minutes = range(int(window.opens_unix_s), math.ceil(window.closes_unix_s), 60)
+    return any(replay.minutes_left(at) is not None for at in minutes)
 
 
 SOCKET_LOCK = "from monitor.acquire.driver import usual_driver; print(usual_driver().lock_sockets() or '')"

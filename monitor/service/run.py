@@ -55,13 +55,14 @@ def serve(
     *,
     replay_now: bool = False,
     clocks: Clocks | None = None,
-    play: Replay | None = None,
+    play: Callable[[Replay], Replay] | None = None,
     running: Callable[[Running], AbstractContextManager[object]] | None = None,
 ) -> None:
     """Run until SIGTERM or SIGINT; SIGHUP reads the configuration again. A moving arm is stopped first.
 
-    `replay_now` requests one replay at the start, whatever the schedule says. clocks : the host's where none are given. play : how a
-    recording is made; over RTDE where nothing is given. running : a context in which the daemon runs, made once it is ready.
+    `replay_now` requests one replay at the start, whatever the schedule says. clocks : the host's where none are given. play : makes of
+    a replay over RTDE how a recording is made; over RTDE where nothing is given. running : a context in which the daemon runs, made once
+    it is ready.
 
     Raises StoreError or BusError where the daemon cannot start, BadConfiguration where the history cannot be continued with these settings,
     StoreError where it was found damaged while the daemon ran.
@@ -90,7 +91,7 @@ def serve(
                 configuration,
                 store,
                 now=clocks.now,
-                play=play or over_rtde,
+                play=over_rtde if play is None else play(over_rtde),
                 requests=requests,
                 alive=alive,
                 compute=HERE if trial else Apart(alive),

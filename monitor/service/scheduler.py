@@ -236,15 +236,16 @@ class Scheduler:
             self._monitor.skip(now, short, "requested")
 
     def _serve_windows_beside(self, asked_unix_s: float) -> None:
-        """A window that is open when a replay is asked for, or opens soon after, needs no replay of its own once it was learnt from."""
+        """What is open when a replay is asked for, and the next window if it opens soon, need no replay of their own."""
         settings, began = self._monitor.configuration.schedule, self._store.ledger.began_unix_s()
         reach_s = settings.grace_s + settings.jitter_s
-        near = windows(settings, asked_unix_s - reach_s, asked_unix_s + reach_s, began, self._salt)
-        for window in near:
-            is_open = window.opens_unix_s <= asked_unix_s < window.closes_unix_s
-            if (
-                is_open or asked_unix_s < window.opens_unix_s <= asked_unix_s + settings.grace_s
-            ) and window.opens_unix_s >= self._not_before:
+        near = sorted(
+            windows(settings, asked_unix_s - reach_s, asked_unix_s + reach_s, began, self._salt), key=lambda each: each.opens_unix_s
+        )
+        is_open = [each for each in near if each.opens_unix_s <= asked_unix_s < each.closes_unix_s]
+        ahead = [each for each in near if asked_unix_s < each.opens_unix_s <= asked_unix_s + settings.grace_s]
+        for window in (*is_open, *ahead[:1]):  # of a dense schedule, those after it have replays of their own
+            if window.opens_unix_s >= self._not_before:
                 self._monitor.skip(window.key_unix_s, SERVED_BY_REQUEST(at=rfc3339(asked_unix_s)))
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:

@@ -93,6 +93,7 @@ class Commands:
     def __init__(self, robot: ServedRobot, ticks: TickCounts, shut_down: Callable[[], None]) -> None:
         self._robot, self._ticks, self._shut_down = robot, ticks, shut_down
         self.stepping = False
+        self.faults: list[str] = []  # that were made here since the last `clear`
         self._actions: dict[str, Callable[[dict[str, Any]], Awaitable[Any]]] = {
             "truth": self._truth,
             "advance": self._advance,
@@ -134,7 +135,12 @@ class Commands:
             return {"ok": False, "error": f"request: {wrong}", "kind": "BadInput"}
 
     async def _truth(self, _: dict[str, Any]) -> dict[str, Any]:
-        state = {"ticks": asdict(self._ticks), "stepping": self.stepping, "connections": self._robot.ports.connections()}
+        state = {
+            "ticks": asdict(self._ticks),
+            "stepping": self.stepping,
+            "faults": self.faults,
+            "connections": self._robot.ports.connections(),
+        }
         return {**truth(self._controller), **state}
 
     async def _advance(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -197,8 +203,10 @@ class Commands:
         return torque
 
     async def _fault(self, request: dict[str, Any]) -> str:
-        given = {key: value for key, value in request.items() if key not in {"do", "name"}}
-        return self._controller.inject(str(request.get("name")), given)
+        name = str(request.get("name"))
+        said = self._controller.inject(name, {key: value for key, value in request.items() if key not in {"do", "name"}})
+        self.faults = [] if name in {"clear", "recover"} else [*self.faults, name]
+        return said
 
     async def _shutdown(self, _: dict[str, Any]) -> str:
         asyncio.get_running_loop().call_later(0.05, self._shut_down)  # after the reply

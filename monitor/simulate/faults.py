@@ -233,5 +233,6 @@ FAULTS: dict[str, Fault] = {
             "seconds": Number(0, 3600, 0),
         },
     ),
-    "clear": Fault(about="ends every lasting fault"),
+    "clear": Fault(about="ends every lasting fault; a stop stays until somebody ends it"),
+    "recover": Fault(about="somebody at the pendant: every lasting fault and every stop is over, power on, brakes released"),
 }

@@ -23,9 +23,11 @@ from monitor.model.fourier import Excitation
 from monitor.reason import joint_name
 from monitor.recording import DAY_S, Context, Recording
 from monitor.service.motion import ReplayWindow
+from monitor.service.replay import Replay
 from monitor.service.run import Running, serve
 from monitor.service.scheduler import Clocks
 from monitor.simulate.arm.physics import drive_gain
+from monitor.simulate.machine.state import RobotMode, SafetyMode
 from monitor.simulate.remote import Remote
 from monitor.studies.demo.world import free_host, free_port, known_facts, simulated_arm, study_folder
 
@@ -137,7 +139,8 @@ class Says:
             f"a day in {day_s:.1f} s, and the time of its replay"
         )
         self.line(
-            "replays are stepped by the simulated arm, not driven over RTDE in real time; all that is judged and told is the daemon's own"
+            "replays are stepped by the simulated arm, and over RTDE in real time while something is broken; all that is judged and told "
+            "is the daemon's own"
         )
         for what, command in (
             ("the status page", f"http://{configuration.page.listen}/"),
@@ -146,6 +149,8 @@ class Says:
             ("somebody has seen one", f"joint-monitor ack --config {path} j3/wear_rising --by you"),
             ("a mechanic works on it", f"joint-monitor serviced --config {path} --joint 3 --replaced --by you --why worn"),
             ("something breaks", f"joint-monitor simulate --bind {self._host} --fault 'protective_stop'"),
+            ("it is mended", f"joint-monitor simulate --bind {self._host} --fault recover"),
+            ("somebody has looked", f"joint-monitor allow --config {path} --by you --why 'nothing was hit'"),
         ):
             self.line(f"  {what:<26} {command}")
         self.line("Ctrl-C ends it\n")
@@ -221,18 +226,36 @@ class TrialArm:
             self._unix_s += passed_s
             self.obstacle = ""
 
-    def play(self, excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow) -> Recording:
-        """One replay, stepped by the simulator's physics in a fraction of its time; the clock stands meanwhile, then it is as much later.
+    def replays(self, over_rtde: Replay) -> Replay:
+        """How a recording is made: stepped by the simulator's physics in a fraction of its time while the arm is sound.
 
-        Raises BadInput as MotionRefused would be where the simulated controller does not let a program run.
+        Where somebody has made a fault, or the arm is not ready, it is made over RTDE in real time, and ends as on a real arm. The clock
+        stands meanwhile, then it is as much later.
         """
-        del should_stop, window  # a stepped replay is over before anybody could ask, and no program lends a simulated arm
-        with self._clock.held():
-            self.follow(0.0)
-            with self._lock:
-                recording = self._remote.play(excitation)
-                self._clock.add(recording.duration_s)
-                self._unix_s += recording.duration_s
+
+        def play(excitation: Excitation, context: Context, should_stop: Callable[[], bool], window: ReplayWindow, /) -> Recording:
+            with self._clock.held():
+                self.follow(0.0)
+                with self._lock:
+                    recording = self._stepped(excitation, context)
+                if recording is None:
+                    recording = over_rtde(excitation, context, should_stop, window)
+                with self._lock:
+                    self._clock.add(recording.duration_s)
+                    self._unix_s += recording.duration_s
+            return recording
+
+        return play
+
+    def _stepped(self, excitation: Excitation, context: Context) -> Recording | None:
+        """A replay of a sound arm; None where it is not sound."""
+        truth = self._remote.truth()
+        if truth["faults"] or (truth["robot_mode"], truth["safety_mode"]) != (RobotMode.RUNNING, SafetyMode.NORMAL):
+            return None
+        try:
+            recording = self._remote.play(excitation)
+        except BadInput:  # it has become unsound since
+            return None
         return dataclasses.replace(recording, context=dataclasses.replace(recording.context, **known_facts(context)))
 
     def repair(self, joint: int, kind: str) -> None:
@@ -298,7 +321,7 @@ def play(trial: Trial) -> None:
 
         # what the log of a service would say of every window is printed here in one line
         logging.getLogger("monitor").setLevel(logging.ERROR)
-        serve(configuration, clocks=clock.clocks, play=arm.play, running=running)
+        serve(configuration, clocks=clock.clocks, play=arm.replays, running=running)
         says.end(kept=trial.keep is not None)
 
 

@@ -81,6 +81,7 @@ STOPPING = (
     _case("late", "stalled", seconds=0.4, share=1.0),
     _case("skip", "stalled", share=1.0),
     _case("program_stop", "program_stopped"),
+    _case("recover", "program_stopped"),
     _case("mute", "program_stopped", "servo_refused"),  # targets do not arrive: the arm's watchdog stops it
     _person("protective_stop", "protective_stop", runtime="paused"),
     _person("protective_stop", "protective_stop", runtime="stopped"),

@@ -198,8 +198,21 @@ def test_an_excitation_without_end_is_refused(tmp_path, change):
 
 def test_an_impossible_directory_is_refused():
     """The name contains NUL, or is empty."""
-    for directory in ("a\0b", "  "):
+    for directory in ("a\0b", "  ", "~", "~/history"):
         assert "store.directory" in refusal(store={"directory": directory})
+
+
+def test_a_directory_that_is_a_file_is_refused_where_the_files_are_read(tmp_path):
+    """By `check` and `run`: the history's folder, and each folder above it; a path that does not exist yet is right."""
+    (tmp_path / "file").write_text("")
+    for directory, right in (("file", False), ("file/history", False), ("new/history", True)):
+        path = tmp_path / "cell-1.toml"
+        path.write_text(f'[robot]\nmodel = "ur5"\nsite = "a"\nid = "b"\n[store]\ndirectory = "{directory}"\n')
+        if right:
+            load(path, {}, reads_files=True)
+            continue
+        with pytest.raises(BadConfiguration, match=r"store\.directory.*is a file; expected a folder"):
+            load(path, {}, reads_files=True)
 
 
 # --- where a setting comes from, and where a mistake is ------------------------------------------------------------------

@@ -1254,6 +1254,7 @@ SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator;
         "simulate/test_sim_faults.py::test_an_obstacle_is_borne_by_the_drive_until_it_is_gone",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
     ),
+    "recover": ("studies/test_trial.py::test_a_stop_in_a_trial_ends_as_on_a_real_arm_and_is_over_when_somebody_has_recovered_the_arm",),
     "clear": (
         "simulate/test_sim_absurd.py::test_clear_restores_the_noise_of_the_settings",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",

@@ -285,6 +285,19 @@ def test_a_requested_replay_serves_the_window_beside_it(tmp_path: Path):
                 assert ("skipped", "one replay serves this window and the request of") in [(a, b[:48]) for a, b in arm.states()]
 
 
+def test_a_requested_replay_leaves_a_dense_schedule_the_windows_that_lie_ahead(tmp_path: Path):
+    """Every five minutes, each open for ten: `run --now` at 02:52 serves the open ones and that of 02:55; 03:00 has its own."""
+    with Store.open(tmp_path / "dense") as store:
+        arm = Arm(tmp_path, store, cron="*/5 * * * *", grace_s=600.0)
+        arm.clock[0] += 3 * 3600.0 - 480.0
+        arm.scheduler = arm.started()
+        arm.outcome = "assessed"
+        arm.requests.request()
+        arm.passes(1.0)
+        arm.passes(20 * 60.0)
+        assert len(arm.replayed) == 4  # asked for, and 03:00, 03:05, 03:10
+
+
 def test_two_requests_give_one_replay_and_none_where_it_could_not_be_recorded(arm: Arm):
     """Without room for a recording nothing moves, and the refused request is reported."""
     arm.requests.request()

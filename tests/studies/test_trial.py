@@ -4,12 +4,18 @@ import json
 import re
 import subprocess
 import sys
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from command_line import ended
 from prepared import run
 
 from monitor.config.load import load
+from monitor.simulate.faults import FAULTS, parse
+from monitor.simulate.remote import Remote
 from monitor.studies.trial import TrialArm, TrialClock, trial_file
 
 pytestmark = pytest.mark.timeout(300)  # seconds on an idle machine; the physics of a UR5e runs at 500 Hz
@@ -26,7 +32,7 @@ def test_days_pass_in_seconds_and_no_window_is_missed(tmp_path):
     assert result.returncode == 0, result.stderr
     lines = re.findall(r"^\w{3} (2026-01-\d\d) 03:00  assessed", result.stdout, re.MULTILINE)
     assert lines == ["2026-01-05", "2026-01-06"]
-    assert "replays are stepped" in result.stdout  # it is said that no replay goes through the wire
+    assert "replays are stepped" in result.stdout  # it is said that no replay goes through the wire while nothing is broken
     assert "missed" not in result.stdout + result.stderr
     path = tmp_path / "kept" / "try.toml"
     status = json.loads(ended("status", "--config", path, "--json").stdout)
@@ -109,3 +115,86 @@ def test_the_clock_waits_at_a_window_and_stands_while_the_arm_moves():
     clock.stop_at(1800.0)
     assert clock.now() == 2000.0
     assert clock.monotonic() == 1000.0
+
+
+class Trial:
+    """A trial that runs, and what it has said."""
+
+    def __init__(self, process, folder):
+        self.process, self.path, self.lines = process, folder / "try.toml", []
+        threading.Thread(target=lambda: self.lines.extend(process.stdout), daemon=True).start()
+
+    def until(self, words, after=0, seconds=150.0):
+        """The first line from `after` on in which one of these words stands."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and self.process.poll() is None:
+            found = next((line for line in self.lines[after:] if re.search(words, line)), None)
+            if found is not None:
+                return found
+            time.sleep(0.1)
+        raise AssertionError(f"no line with {words} after {self.lines[after:]}")
+
+    def allow(self):
+        return ended("allow", "--config", self.path, "--by", "ada", "--why", "nothing was hit")
+
+
+@contextmanager
+def trial_runs(folder):
+    command = [sys.executable, "-m", "monitor", "try", "--speed", "40000", "--keep", str(folder)]
+    environment = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "bufsize": 1}
+    with subprocess.Popen(command, cwd=Path(__file__).parents[2], **environment) as process:
+        try:
+            trial = Trial(process, folder)
+            trial.until("assessed")
+            host = re.search(r"--bind (\S+) --fault", "".join(trial.lines))[1]
+            with Remote(host) as remote:
+                yield trial, remote
+        finally:
+            process.terminate()
+            process.wait(30.0)
+
+
+ENDED = r" 0\d:\d\d  (assessed|skipped|aborted|rejected)"
+
+
+def test_a_stop_in_a_trial_ends_as_on_a_real_arm_and_is_over_when_somebody_has_recovered_the_arm(tmp_path):
+    """`simulate --fault protective_stop` beside `try`: a window is skipped by its condition, and no fault of the monitor's own is told."""
+    with trial_runs(tmp_path / "kept") as (trial, remote):
+        remote.protective_stop()
+        assert "skipped" in trial.until(ENDED, len(trial.lines))
+        assert "safety mode is 3 (protective stop)" in trial.until("skipped")
+        assert remote.fault("clear")  # a stop is no fault that lasts: somebody must end it
+        assert "safety mode is 3" in trial.until(ENDED, len(trial.lines))
+        assert remote.fault("recover")
+        assert trial.allow().returncode == 0
+        trial.until("assessed", len(trial.lines))
+        said = "".join(trial.lines)
+        assert "internal" not in said
+        assert "Traceback" not in said
+
+
+WITH = {  # arguments of those faults that need some
+    "stall": "seconds=20", "freeze": "seconds=20", "late": "seconds=1", "not_found": "names=payload", "speed_slider": "fraction=0.5",
+    "version": "version=5.3.0", "clock_jump": "seconds=50", "encoder_offset": "joint=2 value=0.2", "current_noise": "factor=10",
+    "digital_input": "number=3", "stuck": "joint=2", "brake": "joint=2", "temperature_glitch": "joint=4 value=200",
+    "current_stuck": "joint=1", "obstacle": "joint=2 torque=120", "robot_api": "answer=silent",
+}  # fmt: skip
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(7200)
+def test_every_fault_of_the_simulator_is_played_through_in_a_trial(tmp_path):
+    """Each before a window: it ends as a replay over RTDE does, in words of the arm; recovered and allowed, the arm is judged again."""
+    with trial_runs(tmp_path / "kept") as (trial, remote):
+        for fault in FAULTS:
+            name, arguments = parse(f"{fault} {WITH.get(fault, '')}")
+            remote.fault(name, **arguments)
+            line = trial.until(ENDED, len(trial.lines), 300.0)
+            assert "internal" not in line, (fault, line)
+            time.sleep(3.0)  # a protective stop is unlocked after some seconds, and a controller starts again
+            remote.fault("recover")
+            trial.allow()
+            trial.until("assessed", len(trial.lines), 300.0)
+        said = "".join(trial.lines)
+        assert "internal" not in said
+        assert "Traceback" not in said

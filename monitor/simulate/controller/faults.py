@@ -17,7 +17,7 @@ from monitor.simulate.machine.identity import Identity
 from monitor.simulate.machine.journal import CLIENT, SOMEBODY_ELSE, SafetyMessage
 from monitor.simulate.machine.machine import Installation, Machine, Measurements
 from monitor.simulate.machine.registers import INPUT_TYPES, Registers
-from monitor.simulate.machine.state import Clock, Modes, SafetyMode
+from monitor.simulate.machine.state import Clock, Modes, RobotMode, SafetyMode
 from monitor.simulate.program.runner import Programs
 from monitor.simulate.settings import SimulateSettings
 
@@ -368,6 +368,16 @@ def _clear(parts: Parts) -> str:
     return "every lasting fault is over"
 
 
+def _recover(parts: Parts) -> str:
+    _clear(parts)
+    parts.safety.release_emergency_stop()
+    parts.safety.close_safeguard()
+    parts.programs.stop("somebody recovers the arm", kind="program_stop")
+    parts.safety.unlock(after_s=0.0)
+    parts.safety.power(RobotMode.RUNNING)
+    return "every lasting fault and every stop is over, the power is on"
+
+
 EFFECTS: dict[str, Effect] = {
     effect.__name__.removeprefix("_"): effect
     for effect in (
@@ -375,6 +385,6 @@ EFFECTS: dict[str, Effect] = {
         *(_watchdog_dead, _never_ready, _clock_jump, _registers_in_use, _version, _not_found),
         *(_remote, _manual_mode, _digital_input, _program_stop),
         *(_protective_stop, _safeguard_stop, _emergency_stop, _emergency_release, _temperatures_frozen, _temperature_glitch),
-        *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear),
+        *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear, _recover),
     )
 }
