@@ -87,6 +87,7 @@ def identify(
         Path | None, typer.Option(help="Residual against speed, load, position: a .png or .html of the held-out, else the fitted.")
     ] = None,
     force: ForceOption = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also the gears' ripple, and e_N of held-out recordings.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Recordings → base parameters, friction, fit; each with its uncertainty."""
@@ -128,7 +129,7 @@ def identify(
     if as_json:
         print_json(outcome.document)
     else:
-        print_identification(outcome.document)
+        print_identification(outcome.document, verbose=verbose)
 
 
 def _payload_pair(file: Path | None, payload_kg: float | None, com: str | None, std_kg: float) -> "PayloadPair | None":

@@ -93,7 +93,7 @@ def place(replayed, tmp_path_factory):
         '[plant]\nconnect = ["tcp/127.0.0.1:1"]\ndatabase = "sqlite:///plant.sqlite"\n'
         '[screen]\nlisten = "127.0.0.1:0"\nusers_file = "users"\n'
         '[mqtt]\nhost = "127.0.0.1"\nport = 1\ntls = false\n[notify]\nsmtp = "127.0.0.1:1"\ntls = "none"\nsender = "a@b.example"\n'
-        '[[notify.to]]\nname = "ada"\nmail = "ada@b.example"\n'
+        '[[notify.to]]\nname = "ada"\nmail = ["ada@b.example"]\n'
     )
     (folder / "arms.csv").write_text("site,id,model,host\nhall,a,ur5,10.0.0.1\n")
     return folder

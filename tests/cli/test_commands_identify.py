@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from command_line import printed
+from command_line import ended, printed
 
 from monitor.errors import BadInput, Unidentifiable
 from monitor.model.friction import automatic_laws
@@ -269,3 +269,14 @@ def test_a_payload_that_the_arm_cannot_carry_is_refused(pair):
     ):
         with pytest.raises(BadInput, match=says):
             printed("identify", empty, "--robot", "ur5", *arguments)
+
+
+def test_six_joints_fit_a_screen_of_24_lines_and_the_rest_is_told_on_request(replayed):
+    """What another motion may change stands beside fc and fv, friction at three speeds is a table; the gears' ripple comes with -v."""
+    shown = ended("identify", replayed[0], "--robot", "ur5", "--validate", replayed[0]).stdout
+    short = ended("identify", replayed[0], "--robot", "ur5").stdout
+    assert len(short.splitlines()) <= 24
+    assert "F at 0.4 rad/s, 90 % [Nm]" in short
+    assert max(map(len, shown.splitlines())) <= 120
+    assert "gear ripple" not in short
+    assert "gear ripple" in ended("identify", replayed[0], "--robot", "ur5", "--verbose").stdout

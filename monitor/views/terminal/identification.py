@@ -10,8 +10,11 @@ from monitor.identify.signals.ripple import FAST
 from monitor.views.terminal.figures import number, pair, percent, standard_output, table_of
 
 
-def print_identification(document: dict[str, Any]) -> None:
-    """Print an identification: its recordings, friction and fit of every joint, what was asked beside, and warnings."""
+def print_identification(document: dict[str, Any], *, verbose: bool = False) -> None:
+    """Print an identification: its recordings, friction and fit of every joint, what was asked beside, and warnings.
+
+    verbose : also the gears' ripple, and the error of the whole fit on recordings that were held out.
+    """
     console = standard_output(120, highlight=True)
     for recording in document["recordings"]:
         why = ", ".join(f"{count} {reason}" for reason, count in recording["rejected_why"].items())
@@ -26,9 +29,12 @@ def print_identification(document: dict[str, Any]) -> None:
     )
     friction, fit = document["friction"], document["fit"]
     table = Table()
-    titles = ["joint", "fc [Nm]", "fv [Nm·s/rad]", "T [°C]", "RMS [Nm]", "relative"]
+    # ± is noise; another motion may change fc and fv by so much more, as the law is not quite the arm's
+    others = [friction.get(key) for key in ("coulomb_misfit_std_nm", "viscous_misfit_std_nm_s_per_rad")]
+    other = ["motion"] if others[0] is not None else []
+    titles = ["joint", "fc [Nm]", *other, "fv [Nm·s/rad]", *other, "T [°C]", "RMS [Nm]", "relative"]
     for validation in document["validation"]:
-        titles.append(f"held out: {validation['file'].rsplit('/', 1)[-1][-24:]}")
+        titles.append(f"held out:\n{validation['file'].rsplit('/', 1)[-1][-24:]}")
     for title in titles:
         table.add_column(title, justify="right")
     temperatures = friction["temperature_c"] or [None] * len(friction["coulomb_nm"])
@@ -36,37 +42,43 @@ def print_identification(document: dict[str, Any]) -> None:
         cells = [
             str(j + 1),
             pair(friction["coulomb_nm"][j], friction["coulomb_std_nm"][j]),
+            *(f"± {number(each[j], '.2f')}" for each in others[:1] if each is not None),
             pair(friction["viscous_nm_s_per_rad"][j], friction["viscous_std_nm_s_per_rad"][j]),
+            *(f"± {number(each[j], '.2f')}" for each in others[1:] if each is not None),
             number(temperature, ".1f"),
             number(fit["rms_nm"][j], ".3f"),
             percent(fit["relative_rms"][j]),
         ]
         for held in document["validation"]:
             cells.append(
-                f"{percent(held['relative_rms'][j])} (before {number(held['nominal_rms_nm'][j], '.1f')} Nm, "
-                f"after {number(held['rms_nm'][j], '.2f')} Nm)"
+                f"{percent(held['relative_rms'][j])} ({number(held['nominal_rms_nm'][j], '.1f')} → {number(held['rms_nm'][j], '.2f')} Nm)"
             )
         table.add_row(*cells)
     console.print(table)
-    _print_extras(console, document)
+    _print_speeds(console, friction.get("at_speeds", []))
+    _print_extras(console, document, verbose=verbose)
     for warning in document["warnings"]:
         console.print(f"[yellow]{warning['code']}[/]: {warning['text']}", highlight=False)
 
 
-def _print_extras(console: Console, document: dict[str, Any]) -> None:
+def _print_speeds(console: Console, speeds: list[dict[str, Any]]) -> None:
+    """Print friction at some speeds, with nine tenths of what another run finds: a row a joint."""
+    if not speeds:
+        return
+    table = Table()
+    for title in ("joint", *(f"F at {row['speed_rad_s']} rad/s, 90 % [Nm]" for row in speeds)):
+        table.add_column(title, justify="right")
+    for j in range(len(speeds[0]["torque_nm"])):
+        cells = [f"{number(row['torque_nm'][j], '.2f')} ± {number(row['another_run_90_nm'][j], '.2f')}" for row in speeds]
+        table.add_row(str(j + 1), *cells)
+    console.print(table)
+
+
+def _print_extras(console: Console, document: dict[str, Any], *, verbose: bool) -> None:
     """Print the parts of the document that options ask for: friction law, validation, joint gains, physical arm, payload."""
     friction = document["friction"]
-    if "coulomb_misfit_std_nm" in friction:
-        fc, fv = (
-            "  ".join(number(value, ".2f") for value in friction[key])
-            for key in ("coulomb_misfit_std_nm", "viscous_misfit_std_nm_s_per_rad")
-        )
-        console.print(f"± is noise; another motion may change fc by ± {fc} and fv by ± {fv}, as the law is not quite the arm's")
-    for row in friction.get("at_speeds", ()):
-        pairs = zip(row["torque_nm"], row["another_run_90_nm"], strict=True)
-        values = "  ".join(f"{number(value, '.2f')} ± {number(half, '.2f')}" for value, half in pairs)
-        console.print(f"F({row['speed_rad_s']} rad/s) and its 90 % [Nm]: {values}", highlight=False)
-    _print_ripple(console, document.get("ripple", []))
+    if verbose:
+        _print_ripple(console, document.get("ripple", []))
     law = friction["law"]
     if law.get("values"):
         for name in law["parameters"]:
@@ -76,7 +88,7 @@ def _print_extras(console: Console, document: dict[str, Any]) -> None:
     if law.get("held_out"):
         errors = ", ".join(f"{name} {number(error, '.3f')}" for name, error in law["held_out"].items())
         console.print(f"chosen by the error on data left out, in units of the noise: {errors}", highlight=False)
-    for held in document["validation"]:
+    for held in document["validation"] if verbose else ():
         before, after = held["nominal_normalised_error_nm"], held["normalised_error_nm"]
         console.print(f"{held['file']}: e_N before {before:.4f}, after {after:.4f} Nm ({held['samples']} samples)", highlight=False)
     if "gains" in document:
