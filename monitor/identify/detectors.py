@@ -7,6 +7,7 @@ A detector is a function from what one step has made to the warnings that it fin
     Motion      its sound rows, filtered
     Fitted      the parameters and residuals of all recordings
     HeldOut     recordings that are predicted, beside those that are fitted
+    Predicted   how well one of them is predicted
 
 A new detector is a function, its sentence, and a row. Those of a fit stand in `diagnosis`, all others below the table.
 """
@@ -44,6 +45,7 @@ DIGIT = 1e-9  # of the range: a smaller difference of two readings is none of th
 BENDS_AT_HZ = 125.0, 62.0  # rates at which bends are looked for beside that of the file: in quicker rows they drown in rounding
 COLD_C = -20.0  # in which no arm works
 APART_K = 35.0  # of one joint from the median joint: in warm-up curves of real arms 17 K
+TWICE = 2.0  # times the residual of the fit, which another motion and another day may leave
 HOT_C = 65.0  # all joints of a working arm are colder: 20–45 °C, which are 68–113 °F
 
 MIXED_PAYLOAD = Sentence("mixed_payload", "the recordings differ in payload or tool: one set of parameters cannot fit them all")
@@ -122,6 +124,13 @@ FITTED_TOGETHER = Sentence(
 )
 
 
+HELD_OUT_POOR = Sentence(
+    "held_out_poor",
+    "{source}: the model misses up to {share:.0%} of the torque (joints {joints}), and up to {fitted:.0%} where it was fitted{why}",
+)
+ON_ITS_OWN = Sentence("on_its_own", "; {why}")
+
+
 class Together(NamedTuple):
     """Recordings that are fitted together."""
 
@@ -133,6 +142,15 @@ class HeldOut(NamedTuple):
 
     fitted: Sequence[Recording]
     held_out: Sequence[Recording]
+
+
+class Predicted(NamedTuple):
+    """One held-out recording, and the model that predicts it; (J,) each."""
+
+    source: str
+    missed: Array  # of the torque
+    fitted: Array  # of the torque of the recordings that were fitted
+    why: Reason | None  # what it is by itself, rather than what it was given as
 
 
 class Detector(NamedTuple):
@@ -404,6 +422,20 @@ def fitted_together(files: HeldOut) -> Iterator[Reason]:
         yield FITTED_TOGETHER(fitted=[one.source for one in files.fitted], held_out=[held.source for held in files.held_out])
 
 
+def held_out_poor(predicted: Predicted) -> Iterator[Reason]:
+    """A held-out recording that does not fit, although those that were fitted do."""
+    with np.errstate(invalid="ignore"):
+        poor = (predicted.missed > fit.POOR) & ~(predicted.missed < TWICE * predicted.fitted)
+    if poor.any():
+        yield HELD_OUT_POOR(
+            source=predicted.source,
+            share=np.max(predicted.missed[poor]),
+            joints=np.flatnonzero(poor) + 1,
+            fitted=np.nanmax(predicted.fitted),
+            why="" if predicted.why is None else ON_ITS_OWN(why=predicted.why),
+        )
+
+
 DETECTORS = (
     Detector(Together, (MIXED_PAYLOAD,), mixed_payload),
     Detector(Repaired, (), told_by_reader),
@@ -427,6 +459,7 @@ DETECTORS = (
     Detector(Motion, (PAYLOAD,), payload),
     Detector(Motion, (TEMPERATURE_DRIFT,), temperature_drift),
     Detector(Fitted, (fit.LIKELY_CAUSE,), fit.likely_cause),
+    Detector(Fitted, (fit.NO_NOISE,), fit.no_noise),
     Detector(Fitted, (MOUNTING_CONTRADICTION,), fit.mounting_contradiction),
     Detector(Fitted, (fit.HARDLY_MOVES, fit.ONE_DIRECTION), fit.poorly_moved),
     Detector(Fitted, (fit.OUTLIERS,), fit.outliers),
@@ -443,4 +476,5 @@ DETECTORS = (
     Detector(Fitted, (fit.FAR_FROM_PHYSICAL,), fit.far_from_physical),
     Detector(HeldOut, (VALIDATED_ON_FITTED,), validated_on_fitted),
     Detector(HeldOut, (FITTED_TOGETHER,), fitted_together),
+    Detector(Predicted, (HELD_OUT_POOR,), held_out_poor),
 )

@@ -44,7 +44,7 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
         values[layout.rigid] = rigid_from.values[layout.rigid]
         rigid = np.ix_(layout.rigid, layout.rigid)
         base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
-    known = np.all(solution.excited[places], axis=1)  # (J,)
+    known = np.all(solution.excited[places], axis=1) & problem.both_ways  # (J,)
     pair = layout.friction[:, :, None], layout.friction[:, None, :]
     coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
     speeds = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)

@@ -10,15 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from monitor.errors import BadInput
-from monitor.identify.detectors import HeldOut, warnings_of
+from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.detectors import HeldOut, Predicted, warnings_of
 from monitor.identify.document import document, gains_document, identification_from_document, payload_document
 from monitor.identify.gains import Gains, payload_gains
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
+from monitor.identify.quality import not_of_the_arm
 from monitor.identify.validate import Validation, validate
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
+from monitor.reason import Reason
 from monitor.recording import Array, Recording
 from monitor.store.formats.recordings import read_recording
 from monitor.store.from_files.archived_files import local_file
@@ -141,13 +143,29 @@ def _identified(request: Request) -> Outcome:
     )  # fmt: skip
     validations: list[Validation] = [validate(found, recording, robot, gains) for recording in held_out]
     result = document(found, validations)
-    result["warnings"] += [warning.document() for warning in warnings_of(HeldOut(recordings, held_out))]
+    told = warnings_of(HeldOut(recordings, held_out))
+    for recording, validation in zip(held_out, validations, strict=True):
+        told += _held_out(recording, validation, found, robot, gains)
+    result["warnings"] += [warning.document() for warning in told]
     if estimated is not None:
         result["gains"] = gains_document(estimated)
     if loaded:
         result["payload"] = payload_document(identify_payload(loaded, found, robot, gains=gains))
         result["warnings"] += result["payload"].pop("warnings")
     return Outcome(document=result, identification=found, gains=gains, recordings=recordings, held_out=held_out)
+
+
+def _held_out(recording: Recording, validation: Validation, found: Identification, robot: Robot, gains: Array | None) -> list[Reason]:
+    """The warnings of a held-out recording: where it does not fit, what it is by itself is looked for."""
+    predicted = Predicted(recording.source, validation.relative_rms, found.relative_rms, None)
+    told = warnings_of(predicted)
+    if not told:
+        return []
+    try:
+        why = not_of_the_arm(identify([recording], robot, found.mounting, gains=gains))
+    except Unidentifiable:  # too little motion to say
+        return told
+    return warnings_of(predicted._replace(why=why))
 
 
 def check_export(path: Path, method: str) -> None:

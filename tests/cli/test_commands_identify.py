@@ -163,8 +163,8 @@ def test_rigid_parameters_of_an_earlier_identification_stay(replayed, pair, tmp_
         (("--robot", "ur5", "--export", "arm.urdf"), "expected --method consistent"),
         (("--robot", "ur5", "--method", "consistent", "--export", "arm.step"), r"ends in \.urdf or \.toml"),
         (("--robot", "ur5", "--rigid-from", "nowhere.json"), "cannot be read"),
-        (("--robot", "ur5", "--gains", "1e308,1,1,1,1,1"), "between 0.001 and 10000"),
-        (("--robot", "ur5", "--gains", "1e-300,1,1,1,1,1"), "between 0.001 and 10000"),
+        (("--robot", "ur5", "--gains", "1e308,1,1,1,1,1"), "between 1e-06 and 10000"),
+        (("--robot", "ur5", "--gains", "1e-300,1,1,1,1,1"), "between 1e-06 and 10000"),
         (("--robot", "ur5", "--gains", "1,2"), "2 given; expected 6 figures"),
     ],
 )

@@ -60,6 +60,9 @@ FAULTS = {
         "all joints comes about (3|4|5). ms earlier",
     ),
     "smoothed": (filtered(HEALTHY, 2.0), "torque_smoothed", "only (3|4)[0-9]% of what .* faster than 1.5 Hz is there"),
+    "smoothed at 3 Hz": (filtered(HEALTHY, 3.0), "torque_smoothed", "only (1|2)[0-9]% of what"),
+    "smoothed at 4 Hz": (filtered(HEALTHY, 4.0), "torque_smoothed", "only 3[0-9]% of what"),
+    "averaged over 0.16 s": (averaged(HEALTHY, 0.16), "torque_smoothed", "only [23][0-9]% of"),
     "averaged over 0.3 s": (averaged(HEALTHY, 0.3), "torque_smoothed", "only (2|3|4)[0-9]% of"),
     "a gain that grows": (replace(HEALTHY, current=HEALTHY.current * GROWING), "torque_drifts", r"grows by (2|3)[0-9]% beside the motion"),
     "one current 60 ms late": (late(HEALTHY, 0.06, [1]), "torque_delayed", "joint 2 comes"),
@@ -98,7 +101,7 @@ def test_a_current_offset_is_not_told_as_mounting_alone():
 def test_currents_in_milliamperes_are_refused_with_a_hint():
     """No drive of an arm has hundreds of amperes throughout."""
     with pytest.raises(Unidentifiable, match=r"worked: currents of .* are no amperes: expected \[A\]; if they are in mA, divide"):
-        motion(replace(HEALTHY, current=1000.0 * HEALTHY.current))
+        identify([replace(HEALTHY, current=1000.0 * HEALTHY.current)], UR5, GROUND)
 
 
 def first_rows(count):

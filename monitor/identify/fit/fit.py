@@ -34,6 +34,8 @@ from monitor.model.regressor import ROTOR, felt_columns, felt_regressor, frictio
 from monitor.model.robot import PER_JOINT, Mounting, Robot
 from monitor.recording import Array, Indices, Mask
 
+ONE_WAY_SHARE = 0.05  # fraction of the moving samples in one direction: with less, friction cannot be separated from weight
+
 
 class Layout(NamedTuple):
     """Where the unknowns lie."""
@@ -100,9 +102,22 @@ class FitProblem:
     prior: Array  # (B,) of base parameters that the data do not determine, and of frozen rigid parameters
 
     @property
+    def both_ways(self) -> Mask:
+        """(J,) the joints that turn to and fro: of one that does not, an offset of the drive and its weight pass for friction."""
+        forward, used = (np.sum([np.sum(rows(eq), axis=0) for eq in self.equations], axis=0) for rows in (_forward, lambda eq: eq.used))
+        both: Mask = np.minimum(forward, used - forward) >= ONE_WAY_SHARE * np.maximum(used, 1)
+        return both
+
+    @property
     def redundancy(self) -> int:
         """One of so many samples says as much as all: enough to choose a law and for a covariance, at a fraction of the time."""
         return min(eq.motion.redundancy for eq in self.equations)
+
+
+def _forward(eq: Equations) -> Mask:
+    """(N, J) the rows that are fitted in which a joint turns forward."""
+    forward: Mask = eq.used & (eq.motion.qd > 0.0)
+    return forward
 
 
 def problem_of(

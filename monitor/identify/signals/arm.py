@@ -8,12 +8,14 @@ import numpy as np
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.settings import SignalSettings
 from monitor.identify.signals.motion import Motion, motion
+from monitor.identify.signals.rows import usual_size
 from monitor.model.robot import Robot
 from monitor.recording import Array, Recording
 
 ANY_JOINT = 1e-6  # fraction of the joints: one that moves is enough
 LEAST_S = 2.0  # [s] the filter needs it
-GAIN_NM_PER_A = (1e-3, 1e4)  # plausible torque per ampere: from a small servo to ten times the largest joint of any arm
+GAIN_NM_PER_A = (1e-6, 1e4)  # plausible torque per ampere, or per a drive's own unit: up to ten times the largest joint of any arm
+MOST_A = 200.0  # ten times what the drives of a UR can carry, five times those of arms for 300 kg
 
 
 def refuse_other_arm(recording: Recording, robot: Robot) -> None:
@@ -24,8 +26,17 @@ def refuse_other_arm(recording: Recording, robot: Robot) -> None:
 
 
 def same_rows(one: Recording, other: Recording) -> bool:
-    """Whether two recordings are one, by their times and positions."""
-    return one.samples == other.samples and np.array_equal(one.t_s, other.t_s) and np.array_equal(one.q, other.q)
+    """Whether two recordings are one, by their positions and what their drives measured, whenever their clocks begin."""
+    signals = ("q", "current", "torque")
+    alike = one.samples == other.samples and np.array_equal(one.q[:1], other.q[:1])  # two years of replays are compared in a second
+    return alike and all(np.array_equal(*_pair(one, other, name), equal_nan=True) for name in signals)
+
+
+def _pair(one: Recording, other: Recording, name: str) -> tuple[Array, Array]:
+    """One signal of both; nothing where a recording has none."""
+    nothing = np.zeros((0, 0))
+    first, second = (getattr(each, name) for each in (one, other))
+    return nothing if first is None else first, nothing if second is None else second
 
 
 def refuse_twice(recordings: Sequence[Recording]) -> None:
@@ -96,7 +107,8 @@ def drive_torque(name: str, torque: Array | None, current: Array | None, robot: 
     """Joint torque (N, J) [N·m]: the measured torque where there is one, else current × gain.
 
     gains : (J,) torque per ampere at the joint [N·m/A]; None for the published torque constant × gear ratio, Raviola et al. (2021),
-    table 2. Raises BadInput where there is neither torque nor current, where gains are given for torque alone, missing, or implausible.
+    table 2. Raises BadInput where there is neither torque nor current, where gains are given for torque alone, missing, or implausible,
+    and Unidentifiable where currents without gains are of a size that no drive of an arm has.
     """
     if gains is not None and (gains.shape != (robot.joints,) or not np.all((gains >= GAIN_NM_PER_A[0]) & (gains <= GAIN_NM_PER_A[1]))):
         least, most = GAIN_NM_PER_A
@@ -112,6 +124,11 @@ def drive_torque(name: str, torque: Array | None, current: Array | None, robot: 
     if current is None:
         raise BadInput(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint")
     if gains is None:
+        if (largest := float(np.max(usual_size(current), initial=0.0))) > MOST_A:
+            raise Unidentifiable(
+                f"{name}: currents of {largest:.4g} are no amperes: expected [A]; if they are in mA, divide them by 1000; "
+                "if they are a drive's own units, say with --gains what torque one of them is"
+            )
         gains = robot.drive_gain_nm_per_a
         if not np.all(np.isfinite(gains)):
             raise BadInput(

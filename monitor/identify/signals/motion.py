@@ -13,14 +13,13 @@ from monitor.errors import Unidentifiable
 from monitor.identify.settings import SignalSettings
 from monitor.identify.signals.filters import despike, filtered, low_pass, refuse_uneven, uniform
 from monitor.identify.signals.ripple import Unfiltered
-from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows, usual_size
+from monitor.identify.signals.rows import HARMLESS, LIMITS, SoundRows, sound_rows
 from monitor.identify.signals.temperature import temperatures_at
 from monitor.identify.signals.units import Repaired, in_si, named
 from monitor.model.friction import STANDSTILL_SPEED_RAD_S
 from monitor.reason import joints_by_number
 from monitor.recording import Array, Indices, Mask, Recording
 
-MOST_A = 200.0  # ten times what the drives of a UR can carry, five times those of arms for 300 kg
 OTHER_ACCELERATION = 0.5  # of the accelerations' size: a larger difference is noise, a sign or a unit
 LEAST_ACCELERATION = 0.1  # [rad/s²]
 ENOUGH_SAMPLES = 5.0  # times the filter's cutoff: half of it is the highest frequency, at which the filter leaves a thousandth
@@ -142,10 +141,6 @@ def _check_layout(recording: Recording) -> None:
     if recording.current is None and recording.torque is None:
         likely = "".join(f". {reason}" for reason in recording.told)
         raise Unidentifiable(f"{name}: holds neither current nor torque; expected actual_current or actual_torque for every joint{likely}")
-    if recording.current is not None and recording.torque is None:
-        largest = np.max(usual_size(recording.current), initial=0.0)
-        if largest > MOST_A:
-            raise Unidentifiable(f"{name}: currents of {largest:.4g} are no amperes: expected [A]; if they are in mA, divide them by 1000")
     for key in LIMITS:
         value = getattr(recording, key)
         if value is None:

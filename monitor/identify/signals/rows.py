@@ -197,7 +197,8 @@ LIMITS: Mapping[str, float] = {
     "current": 200.0,  # [A] ten times what the drives can carry
     "torque": 5000.0,  # [N·m] ten times a UR's largest joint; arms for 300 kg have more
 }
-OWN_SIZE = 10.0  # times the 90 % quantile of a torque: no motion of a sound recording has more
+OF_DRIVES = ("current", "torque")
+OWN_SIZE = 10.0  # times the 90 % quantile of a current or torque: no motion of a sound recording has more
 HELD_SPEED_RAD_S = 0.02  # of a joint that cannot stay where it is from one row to the next
 HARMLESS = ("doubled", "held")  # reasons for which nothing is lost that was measured
 
@@ -240,8 +241,8 @@ def sound_rows(recording: Recording) -> SoundRows:
 
 
 def _limit(key: str, values: Array) -> Array | float:
-    """The largest plausible size of a signal (N, J): that of `LIMITS`, and for torque more where the whole recording is larger."""
-    if key != "torque":
+    """The largest plausible size of a signal (N, J): that of `LIMITS`, of a drive more where the whole recording is larger."""
+    if key not in OF_DRIVES:
         return LIMITS[key]
     limit: Array = np.maximum(LIMITS[key], OWN_SIZE * usual_size(values))
     return limit

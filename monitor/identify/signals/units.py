@@ -20,6 +20,8 @@ WINDOW_S = 0.13  # time over which a difference is taken: short beside the motio
 WINDOW_ROWS = 16  # from the first row of such a window to its last one, at most
 FEWEST_ROWS = 10  # fewer have no windows
 FEWEST_WINDOWS = 20  # fewer say nothing
+COARSE = 0.1  # values beside rows: with fewer, the signal is written in steps
+RESOLVED = 5.0  # steps: slower, a speed is that of its rounding
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a comparison
 
 DEGREES = 180.0 / math.pi
@@ -110,6 +112,7 @@ class Windows(NamedTuple):
     dt: Array  # (W,) time from the first row to the last
     slope: Array  # (W, J) change of the signal a second
     rate: Array  # (W, J) median of its recorded rate
+    step: Array  # (J,) in which the rate is written, where that is coarse; else 0
 
 
 def windows(t_s: Array, x: Array, rate: Array | None) -> Windows | None:
@@ -126,7 +129,15 @@ def windows(t_s: Array, x: Array, rate: Array | None) -> Windows | None:
         middle = np.empty((0, x.shape[1]))
         if len(first):
             middle = np.median(np.lib.stride_tricks.sliding_window_view(rate, length + 1, axis=0)[::every], axis=-1)
-        return Windows(tick, length, dt, (x[first + length] - x[first]) / dt[:, None], middle)
+        return Windows(
+            tick, length, dt, (x[first + length] - x[first]) / dt[:, None], middle, np.array([_step(column) for column in rate.T])
+        )
+
+
+def _step(rate: Array) -> float:
+    """The step in which a signal (N,) is written, by the usual distance of its values; 0 where most rows have a value of their own."""
+    values = np.unique(rate[np.isfinite(rate)])
+    return float(np.median(np.diff(values))) if 1 < len(values) < COARSE * len(rate) else 0.0
 
 
 # --- Units, by the ratio of the median joint -------------------------------------------------------------
@@ -237,13 +248,14 @@ def _ratio(seen: Windows | None) -> _Ratio | None:
     ratios = []
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         even = (seen.dt > 0.0) & (seen.dt < 1.5 * seen.length * seen.tick)
-        for slope, middle in zip(seen.slope.T, seen.rate.T, strict=True):
+        for slope, middle, step in zip(seen.slope.T, seen.rate.T, seen.step.tolist(), strict=True):
             sound = even & (np.abs(slope) < 1e4) & (np.abs(middle) < 1e4)
             if np.sum(sound) < FEWEST_WINDOWS or not np.quantile(np.abs(middle[sound]), 0.9) > MOVING_RAD_S:
                 continue
             # near a reversal both are about zero; rows are chosen by the slope, whose noise is small, since the ratio would be biased
-            informative = sound & (np.abs(slope) > 0.3 * np.quantile(np.abs(slope[sound]), 0.75))  # torn rows move a fifth of them
-            if not informative.any():
+            least = max(0.3 * np.quantile(np.abs(slope[sound]), 0.75), RESOLVED * step)  # torn rows move a fifth of them
+            informative = sound & (np.abs(slope) > least)
+            if np.sum(informative) < (FEWEST_WINDOWS if step else 1):
                 continue
             along = middle[informative] * np.sign(slope[informative])
             value = np.median(np.abs(slope[informative])) / np.median(along)
@@ -264,7 +276,8 @@ def _checked_speeds(recording: Recording, seen: Windows | None) -> SpeedCheck | 
     if found is None:
         return None
     slope, speed, noise, late_s = found
-    mismatch = np.array([_mismatch(own, of) for own, of in zip(slope.T, speed.T, strict=True)])
+    steps = np.zeros(recording.joints) if seen is None else seen.step
+    mismatch = np.array([_mismatch(own, of, step) for own, of, step in zip(slope.T, speed.T, steps.tolist(), strict=True)])
     size, of_speed = _size(slope), _size(speed)
     moves = (size > MOVING_RAD_S) | (of_speed > MOVING_RAD_S)
     unsure = SURE * noise / np.maximum(size, MOVING_RAD_S)
@@ -300,13 +313,13 @@ def _likely_reason(recording: Recording, slope: Array, speed: Array, wrong: Mask
     return f"the speeds of {of} are not the change of their positions"
 
 
-def _mismatch(slope: Array, speed: Array) -> float:
+def _mismatch(slope: Array, speed: Array, step: float = 0.0) -> float:
     """The size of speed − slope beside that of the larger of both, by medians over the windows with motion; 0 without motion.
 
-    Half of the windows may hold a torn row.
+    Half of the windows may hold a torn row. step : in which the speed is written.
     """
     larger = np.maximum(np.abs(slope), np.abs(speed))
-    informative = larger > 0.3 * np.quantile(larger, USUAL)
+    informative = larger > max(0.3 * np.quantile(larger, USUAL), RESOLVED * step)
     if np.sum(informative) < FEWEST_WINDOWS:
         return 0.0
     return float(np.median(np.abs(speed - slope)[informative]) / np.median(larger[informative]))
@@ -332,7 +345,7 @@ def _compared(x: Array, rate: Array | None, seen: Windows | None) -> tuple[Array
     """
     if rate is None or seen is None:
         return None
-    tick, length, dt, slope, speed = seen
+    tick, length, dt, slope, speed, _ = seen
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         turn = 2.0 * math.pi / dt[:, None] * np.sign(slope)
         slope = np.where(np.abs(slope - turn - speed) < 0.1 * np.abs(slope - speed), slope - turn, slope)  # a turn is no motion

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
+from monitor.identify.signals.arm import refuse_twice
 from monitor.identify.signals.same_motion import with_motions
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.rules import why_not_alerting
@@ -214,11 +215,12 @@ def dated(series: Series) -> list[tuple[Recording, Mounting]]:
 
 
 def in_order(given: Sequence[tuple[Recording, Mounting]]) -> list[tuple[Recording, Mounting]]:
-    """Dated recordings in the order of their times. Raises BadInput where two were made at the same time."""
+    """Dated recordings in the order of their times. Raises BadInput where two were made at the same time, or one is given twice."""
     found = sorted(given, key=lambda pair: pair[0].context.recorded_at_unix_s or 0.0)
     for (one, _), (other, _) in pairwise(found):
         if one.context.recorded_at_unix_s == other.context.recorded_at_unix_s:
             raise BadInput(f"{one.source} and {other.source} were recorded at the same time; expected one recording at a time")
+    refuse_twice([recording for recording, _ in found])
     return found
 
 
