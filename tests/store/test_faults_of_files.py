@@ -5,7 +5,13 @@ with.
 """
 
 import csv
+import gzip
+import io
 import json
+import os
+import resource
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from once import once
 
@@ -284,3 +292,72 @@ def test_quotes_and_separators_are_those_of_csv(tmp_path, sound, quoted):
     found = read_recording(tmp_path / "a.csv")
     np.testing.assert_allclose(found.current[:, 5], sound.table["actual_current_5"], atol=1e-6)
     np.testing.assert_allclose(found.t_s, sound.table["timestamp"], atol=1e-6)
+
+
+# --- What a file may cost ------------------------------------------------------------------------------------------
+
+MOST_BYTES, MOST_CPU_S = 500e6, 10.0  # for a file of 1 MB
+
+
+def text_of(table: pd.DataFrame, size: float = 1e6) -> bytes:
+    """The table again and again as CSV, up to a size."""
+    whole = table.to_csv(index=False)
+    header, body = whole.split("\n", 1)
+    return (header + "\n" + body * int(1 + size / len(body))).encode()[: int(size)]
+
+
+def many_rows(table: pd.DataFrame, t_s: Callable[[int, np.random.Generator], Array]) -> bytes:
+    """As many rows as 1 MB holds, at times that are made for so many rows."""
+    rounded = pd.concat([table.round(2)] * 5, ignore_index=True)
+    times = t_s(len(rounded), np.random.default_rng(6))
+    return rounded.assign(timestamp=times).to_csv(index=False, float_format="%.6g").encode()[: int(1e6)]
+
+
+def constant_parquet() -> bytes:
+    columns = ["timestamp", *(f"{name}_{j}" for name in ("actual_q", "actual_qd", "actual_current") for j in range(6))]
+    sink = io.BytesIO()
+    pq.write_table(pa.table(dict.fromkeys(columns, pa.array(np.zeros(3_000_000)))), sink, compression="zstd")
+    return sink.getvalue()
+
+
+COSTLY: dict[str, Callable[[pd.DataFrame], bytes]] = {
+    "sound rows": lambda t: many_rows(t, lambda n, rng: np.arange(n) / RATE_HZ),
+    "threes, 20 µs apart": lambda t: many_rows(
+        t, lambda n, rng: np.repeat(np.arange(0, n, 3), 3)[:n] / RATE_HZ + 2e-5 * (np.arange(n) % 3)
+    ),
+    "times at random": lambda t: many_rows(t, lambda n, rng: np.sort(rng.random(n)) * 60.0),
+    "a leap at every row": lambda t: many_rows(t, lambda n, rng: np.cumsum(rng.choice([-100.0, 100.0, 0.008], n))),
+    "a saw": lambda t: many_rows(t, lambda n, rng: np.arange(n) % 40 / RATE_HZ),
+    "one short line after another": lambda t: (t.head(1000).to_csv(index=False) + "1\n" * 400_000).encode()[: int(1e6)],
+    "70000 names": lambda t: (",".join(f"a_{k}" for k in range(70_000)) + "\n" + "0," * 69_999 + "0\n").encode(),
+    "Parquet of one number": lambda t: constant_parquet(),
+    "gzip of one line": lambda t: gzip.compress(text_of(t, 1e5) + b"0\n" * 50_000_000),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["identify", "listen"])
+@pytest.mark.parametrize("costly", COSTLY)
+def test_no_file_of_a_megabyte_takes_half_a_gigabyte_or_ten_seconds(tmp_path, sound, costly, command):
+    """In a process of its own, under a limit of its memory; it ends as any other file does, with figures or with a sentence."""
+    file = tmp_path / "file"
+    file.write_bytes(COSTLY[costly](sound.table))
+    assert file.stat().st_size <= 1.1e6
+    arguments = [command, str(file), "--robot", "ur5"]
+    if command == "listen":
+        sound.table.to_csv(tmp_path / "replay.csv", index=False)
+        arguments += ["--rigid", str(tmp_path / "replay.csv")]
+    with (tmp_path / "said").open("w+") as said_by:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "monitor", *arguments],
+            stdout=subprocess.DEVNULL,
+            stderr=said_by,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4 * int(MOST_BYTES), 4 * int(MOST_BYTES))),  # noqa: PLW1509
+        )
+        _, status, used = os.wait4(process.pid, 0)
+        said_by.seek(0)
+        assert os.waitstatus_to_exitcode(status) in {0, 2}, said_by.read()
+        said_by.seek(0)
+        assert "Traceback" not in said_by.read()
+    assert used.ru_maxrss * 1024 < MOST_BYTES
+    assert used.ru_utime < MOST_CPU_S

@@ -6,8 +6,9 @@ the motion, and the jitter of the clock, which acts on all joints at once in pro
 
 import math
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ SHARED_JOINTS = 3  # so many joints must move for the jitter of a clock to be to
 MOVING_RAD_S = 0.02  # slower joints say nothing of the clock
 WINDOW_ROWS = 60  # over so many torn rows the motion before and after can still be joined
 BREAK_ROWS = 20.0  # so many rows are left out rather than that the motion is cut in two
+AT_ONCE = 500  # pieces of which each is compared with some sixty others: a few megabytes
 EDGE_ROWS = 2  # at the end of a run that may belong to the torn rows beside it
 HOLE_S = 0.25  # over a longer hole nothing is compared
 
@@ -157,13 +159,9 @@ def _best(steps: _Steps, nodes: Indices) -> list[int]:
     length = (last - first + 1).astype(float)
     total, before = np.zeros(len(nodes)), np.full(len(nodes), -1)
     top, top_at = 0.0, -1  # the best chain so far
-    reach = np.searchsorted(last, first - WINDOW_ROWS)
-    for k in range(len(nodes)):
+    for k, joined in enumerate(_joined_before(steps, nodes)):
         total[k], before[k] = (top - BREAK_ROWS, top_at) if top > BREAK_ROWS else (0.0, -1)
-        near = np.arange(reach[k], k)
-        near = near[total[near] > total[k]]
-        if len(near):
-            near = near[steps.joined(last[near], np.full(len(near), first[k]))]
+        near = joined[total[joined] > total[k]]
         if len(near):
             best = near[int(np.argmax(total[near]))]
             total[k], before[k] = total[best], best
@@ -176,6 +174,20 @@ def _best(steps: _Steps, nodes: Indices) -> list[int]:
         chain.append(at)
         at = int(before[at])
     return chain[::-1]
+
+
+def _joined_before(steps: _Steps, nodes: Indices) -> Iterator[Indices]:
+    """For each piece the pieces before it that it continues, within the window; many at once, since each call costs as much as many."""
+    first, last = nodes[:, 0], nodes[:, 1]
+    reach = np.searchsorted(last, first - WINDOW_ROWS)
+    for begin in range(0, len(nodes), AT_ONCE):
+        own = np.arange(begin, min(begin + AT_ONCE, len(nodes)))
+        ends = np.cumsum(own - reach[own])
+        after = np.repeat(own, own - reach[own])
+        before: Indices = after - (np.repeat(ends, own - reach[own]) - np.arange(len(after)))
+        follows = steps.joined(last[before], first[after])
+        for begins, stops in pairwise([0, *ends.tolist()]):
+            yield before[begins:stops][follows[begins:stops]]
 
 
 def _with_turns(steps: _Steps, rows: Indices, breaks: Indices) -> Chain:
