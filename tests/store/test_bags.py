@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from monitor.errors import BadInput
-from monitor.store.formats.bags import UR_JOINTS
+from monitor.store.formats.bags import UR_JOINTS, from_the_base
 from monitor.store.formats.recordings import read_recording
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="pip install 'joint-monitor[ros]'")
@@ -44,7 +44,7 @@ def bag(folder: Path, storage: str, names=ALPHABETICAL, topic="/joint_states", s
 
 @pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("stamped", [True, False])
-def test_a_bag_is_read_with_its_joints_from_the_base_on(tmp_path, storage, stamped):
+def test_a_bag_is_read_with_its_jointsfrom_the_base_on(tmp_path, storage, stamped):
     """UR's driver names them in the order of the alphabet: joints 1 and 3 would be exchanged. The folder and its one file are the same."""
     folder = bag(tmp_path, storage, stamped=stamped, gripper=True)
     (file,) = folder.glob(f"*{STORAGES[storage]}")
@@ -69,12 +69,10 @@ def test_effort_is_current_where_it_is_said(tmp_path):
 
 def test_numbered_joints_are_in_the_order_of_their_numbers(tmp_path):
     """Other arms name them joint_1 to joint_7; names that tell no order are refused."""
-    from monitor.store.formats.bags import _from_the_base
-
-    assert _from_the_base(["joint_2", "joint_0", "joint_1"], "bag") == [1, 2, 0]
+    assert from_the_base(["joint_2", "joint_0", "joint_1"], "bag") == [1, 2, 0]
     for names in (["base", "arm"], ["joint_1", "joint_1"], ["joint_1", "joint_3"]):
         with pytest.raises(BadInput, match="the order of the joints"):
-            _from_the_base(names, "bag")
+            from_the_base(names, "bag")
 
 
 def test_a_bag_of_ros_1_is_read(tmp_path):

@@ -184,7 +184,7 @@ def _joined_before(steps: _Steps, nodes: Indices) -> Iterator[Indices]:
         own = np.arange(begin, min(begin + AT_ONCE, len(nodes)))
         ends = np.cumsum(own - reach[own])
         after = np.repeat(own, own - reach[own])
-        before: Indices = after - (np.repeat(ends, own - reach[own]) - np.arange(len(after)))
+        before = (after - (np.repeat(ends, own - reach[own]) - np.arange(len(after)))).astype(np.intp)
         follows = steps.joined(last[before], first[after])
         for begins, stops in pairwise([0, *ends.tolist()]):
             yield before[begins:stops][follows[begins:stops]]

@@ -48,7 +48,7 @@ def read_bag(path: Path, columns: str | None, rate_hz: float | None) -> Producti
     where the extra `ros` is absent, or the bag is damaged, holds none or several topics of JointState, or joints whose order is not known.
     """
     states = _states(path)
-    order = _from_the_base(states.names, str(path))
+    order = from_the_base(states.names, str(path))
     by_header = bool(np.all(np.diff(states.stamps_s) > 0.0))  # a header that nobody stamped is 0
     table = {"timestamp": states.stamps_s if by_header else states.logged_s}
     for signal, name in (("position", "actual_q"), ("velocity", "actual_qd"), ("effort", "effort")):
@@ -113,7 +113,7 @@ def _size(path: Path) -> int:
     return sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 
-def _from_the_base(names: Sequence[str], where: str) -> list[int]:
+def from_the_base(names: Sequence[str], where: str) -> list[int]:
     """The places of the joints in a message, from the base on: by UR's names, else by their one number. Messages have any order.
 
     Raises BadInput where the names tell none.
