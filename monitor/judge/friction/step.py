@@ -432,7 +432,8 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel, production: b
         if production:
             _doubt(state, hit, before)
         only_fell = told.falls & ~told.rises
-        state.peaks[1, only_fell] = 0.0  # no chance
+        state.peaks[1, only_fell] = 0.0  # it was no chance, nor is
+        state.peaks[np.repeat(told.common, J + 1, axis=1)] = 0.0  # … what all joints did together
         of_fall = np.zeros(N, dtype=bool)
         of_fall[mean] = told.common[1] & ~told.common[0]
         state.fell |= only_fell | of_fall
