@@ -229,6 +229,7 @@ class Scheduler:
             return
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
+            self._monitor.next_due(next((window.opens_unix_s for window in self.coming(1, now)), None))  # told while it lasts, too
             row = self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
             if row is not None and row.state == "assessed":
                 self._serve_windows_beside(now)

@@ -198,7 +198,7 @@ def test_every_circumstance_has_its_warning(change, code):
 def test_what_does_not_fit_is_refused():
     """No gains and no torque constant, impossible gains, another robot, another method, no recording."""
     sound = recording(truth(UR5))
-    with pytest.raises(BadInput, match=r"torque constants of this model are not published.*--gains with 6 numbers"):
+    with pytest.raises(BadInput, match=r"for this model nobody has published the torque constants.*--gains with 6 numbers"):
         identify([sound], load_robot("ur10e"), GROUND)
     with pytest.raises(BadInput, match=r"expected 6 numbers between"):
         identify([sound], UR5, GROUND, gains=np.array([1.0, 2.0]))

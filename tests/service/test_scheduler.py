@@ -52,6 +52,7 @@ class Arm:
         if ledger_id is None:
             return None
         self.replayed.append(window_unix_s)
+        self.due_meanwhile = getattr(self, "due", None)
         self.store.ledger.end(ledger_id, self.outcome, "a test", self.clock[0])
         return self.store.ledger.row(ledger_id)
 
@@ -266,6 +267,16 @@ def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):
     arm.passes(60.0)
     assert len(arm.replayed) == 1
     assert arm.store.ledger.rows()[0].kind == "requested"
+
+
+def test_while_the_first_replay_is_made_the_next_window_is_told(tmp_path: Path):
+    """`run --now`: what the page shows as next is that of tomorrow, not none."""
+    with Store.open(tmp_path / "first") as store:
+        arm = Arm(tmp_path, store, cron="0 3 * * *")
+        arm.requests.request("a person")
+        arm.passes(1.0)
+        assert len(arm.replayed) == 1
+        assert arm.due_meanwhile == min(window.opens_unix_s for window in arm.scheduler.coming(1))
 
 
 def test_a_requested_replay_serves_the_window_beside_it(tmp_path: Path):

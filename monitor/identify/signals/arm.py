@@ -132,7 +132,8 @@ def drive_torque(name: str, torque: Array | None, current: Array | None, robot: 
         gains = robot.drive_gain_nm_per_a
         if not np.all(np.isfinite(gains)):
             raise BadInput(
-                f"{robot.name}: the torque constants of this model are not published; give the joint gains "
+                f"{robot.name}: {'a URDF does not say' if robot.generation == 'urdf' else 'for this model nobody has published'} "
+                f"the torque constants; give the joint gains "
                 f"as --gains with {robot.joints} numbers [N·m/A], in a configuration as robot.gains_nm_per_a, or record torque"
             )
     driven: Array = current * gains
