@@ -17,6 +17,7 @@ from monitor.cli.options import (
     ManifestOption,
     MountingOrNoneOption,
     RateOption,
+    TrajectoryNameOption,
     complete_model,
     load_configuration,
     optional_figures,
@@ -47,6 +48,7 @@ def assess(
     gains: GainsOption = None,
     manifest: ManifestOption = None,
     interval: IntervalOption = None,
+    trajectory: TrajectoryNameOption = None,
     from_store: Annotated[bool, typer.Option("--from-store", help="Every past verdict of --config's history once more.")] = False,
     why: Annotated[int | None, typer.Option(min=1, max=6, help="Of this joint: why does it not alert?", show_default=False)] = None,
     as_json: JsonOption = False,
@@ -56,7 +58,7 @@ def assess(
     Exit 3: --from-store found a verdict that differs, or a recording that is not the one that was made.
     """
     if from_store:
-        given = (files, robot, mounting, columns, rate, gains, manifest, interval)
+        given = (files, robot, mounting, columns, rate, gains, manifest, interval, trajectory)
         _assess_from_store(config, others=any(value is not None for value in given), as_json=as_json)
         return
     from monitor.publish.timestamps import outside
@@ -65,7 +67,7 @@ def assess(
     from monitor.views.terminal.studies import print_assessment
 
     entries = given_entries(files or [], manifest, interval)
-    series = replace(_series(entries, config, robot, mounting, gains), columns=columns, rate_hz=rate)
+    series = replace(_series(entries, config, robot, mounting, gains), columns=columns, rate_hz=rate, trajectory=trajectory)
     with status_line(f"judging {len(entries)} recordings of a {series.robot.name}"):
         document: Any = outside(assess_series(series))
     if as_json:

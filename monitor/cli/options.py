@@ -75,6 +75,8 @@ FilesArgument = Annotated[list[Path] | None, typer.Argument(metavar="[FILE…]",
 MANIFEST_HELP = "CSV: file, recorded_at[, payload_kg, mounting, note, maintenance, joint_serials, revolutions]."
 ManifestOption = Annotated[Path | None, typer.Option(help=MANIFEST_HELP, show_default=False)]
 IntervalOption = Annotated[str | None, typer.Option(help="Files say no time: they are so far apart, e.g. 1d.", show_default=False)]
+TRAJECTORY_HELP = "All are of one trajectory, some stopped early: what they share is compared, under this name."
+TrajectoryNameOption = Annotated[str | None, typer.Option(help=TRAJECTORY_HELP, show_default=False)]
 RecordingOutputOption = Annotated[Path, typer.Option("--output", "-o", help="Where the recording goes (Parquet).", show_default=False)]
 ReportOutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="The report (.html), one file.", show_default=False)]
 FromOption = Annotated[str | None, typer.Option("--from", help="Time, e.g. 2026-01-31 or 2026-01-31T03:00:00Z.", show_default=False)]

@@ -7,6 +7,7 @@ the speeds and loads of the motion, so the levels of different motions are not c
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Path:
     """Positions from the first motion to the last, (n, J) at 20 Hz [rad]."""
 
     q: Array
+    begins_s: float = 0.0  # on the recording's clock
 
     @classmethod
     def of(cls, moved: Motion) -> "Path":
@@ -36,7 +38,7 @@ class Path:
         moving = np.flatnonzero(np.any(np.abs(moved.qd) > STANDSTILL_SPEED_RAD_S, axis=1))
         first, last = (t_s[moving[0]], t_s[moving[-1]]) if len(moving) else (t_s[0], t_s[-1])
         at = np.arange(first, last, 1.0 / RATE_HZ)
-        return cls(q=np.stack([np.interp(at, t_s, column) for column in moved.q.T], axis=1))
+        return cls(q=np.stack([np.interp(at, t_s, column) for column in moved.q.T], axis=1), begins_s=float(first))
 
     def same(self, other: "Path") -> bool:
         """Whether both are one motion, of which either recording may have lost a fifth at an end."""
@@ -75,6 +77,50 @@ def _refined(long: Array, short: Array, lag: float) -> Array:
         difference = seen - short[known]
         lag -= float(np.sum(speed * difference) / max(np.sum(speed**2), 1e-300))
     return difference
+
+
+DECLARED = 0.1  # of a joint's motion, by which recordings that somebody declares as one motion may differ: their host's clock jitters
+MOST_LAG_S = 3.0  # between the starts of such recordings
+
+
+def of_one_trajectory(recordings: Sequence[Recording], name: str) -> list[Recording]:
+    """Recordings of one trajectory, some of them stopped early, cut to what all share from its beginning, under the name that is given.
+
+    Raises BadInput where a recording holds another motion, and Unidentifiable where it holds none.
+    """
+    motions = [motion(recording) for recording in recordings]
+    paths = [Path.of(moved) for moved in motions]
+    if not paths:
+        return []
+    shortest = min(paths, key=lambda path: len(path.q)).q
+    lags = [_lag(path.q, shortest) for path in paths]
+    first, last = max(0, -min(lags)), min(len(shortest), *(len(path.q) - lag for path, lag in zip(paths, lags, strict=True)))
+    tolerance, found = DECLARED * np.std(shortest, axis=0) + 5.0 * FLOOR_RAD, []  # (J,)
+    for recording, moved, path, lag in zip(recordings, motions, paths, lags, strict=True):
+        off = path.q[first + lag : last + lag] - shortest[first:last]
+        if last - first < 2 or np.any(np.sqrt(np.mean(off**2, axis=0)) > tolerance):
+            raise BadInput(
+                f"{recording.source or 'recording'}: is not of the trajectory {name!r}: its motion is another from the beginning on"
+            )
+        t_s = moved.recording.t_s - path.begins_s
+        keep = (t_s >= (first + lag) / RATE_HZ) & (t_s <= (last + lag) / RATE_HZ)
+        parts: dict[str, Any] = {key: signal[keep] for key, signal in recording.signals.items()}
+        cut = replace(recording, **parts)
+        found.append(replace(cut, context=replace(recording.context, trajectory_digest=FOREIGN_MOTION + name)))
+    return found
+
+
+def _lag(longer: Array, shortest: Array) -> int:
+    """Sample of the longer motion at which the shortest begins."""
+    most = round(MOST_LAG_S * RATE_HZ)
+    count = max(2, len(shortest) - 2 * most)
+
+    def off(lag: int) -> float:
+        first = max(0, -lag)
+        n = min(count, len(longer) - lag - first, len(shortest) - first)
+        return float(np.mean((longer[lag + first : lag + first + n] - shortest[first : first + n]) ** 2)) if n > 1 else np.inf
+
+    return min(range(-most, most + 1), key=off)
 
 
 def with_motions(recordings: Sequence[Recording]) -> Iterator[Recording]:

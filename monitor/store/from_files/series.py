@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
 from monitor.identify.signals.arm import refuse_twice
-from monitor.identify.signals.same_motion import with_motions
+from monitor.identify.signals.same_motion import of_one_trajectory, with_motions
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.assess import Rejected, assess
@@ -53,6 +53,7 @@ class Series:
     rate_hz: float | None = None  # rows a second of files that tell no time
     gains: Array | None = None
     settings: AssessSettings = field(default_factory=AssessSettings)
+    trajectory: str | None = None  # the recordings are of one trajectory of this name, some of them stopped early
 
 
 def interval_s(text: str) -> float:
@@ -209,9 +210,14 @@ def given_entries(files: Sequence[Path], manifest_file: Path | None, interval: s
 def dated(series: Series) -> list[tuple[Recording, Mounting]]:
     """The recordings with their declarations and their mountings, in the order of their times.
 
-    Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time.
+    Raises BadInput where a file cannot be read, does not say when it was made, or two were made at the same time, and as
+    `of_one_trajectory`.
     """
-    return in_order([_read(series, entry) for entry in series.entries])
+    given = in_order([_read(series, entry) for entry in series.entries])
+    if series.trajectory is None:
+        return given
+    recordings = of_one_trajectory([recording for recording, _ in given], series.trajectory)
+    return [(recording, mounting) for recording, (_, mounting) in zip(recordings, given, strict=True)]
 
 
 def in_order(given: Sequence[tuple[Recording, Mounting]]) -> list[tuple[Recording, Mounting]]:
