@@ -298,8 +298,9 @@ def assess(
 def plot_friction(course: Course, path: str | Path | None = None) -> "Figure":
     """fv(T) of every joint: the learned law with a band of two standard deviations, and the replays, wear divided out.
 
-    path : also write it there, as .png or .html. Raises BadInput where that cannot be written.
+    path : also write it there, as .png or .html. Raises BadInput where that cannot be written, or no course is given.
     """
+    _is(course, Course, "a course, as assess gives it")
     from monitor.views.plots.friction_law import friction_figure
 
     verdicts = [verdict.outcome for verdict in course.verdicts if isinstance(verdict.outcome, Assessment)]
@@ -316,6 +317,7 @@ def plot_residuals(
     gains: npt.ArrayLike | None = None,
 ) -> "Figure":
     """What the identified model does not explain of these recordings, over speed, load and position. path : as for `plot_friction`."""
+    _is(found, Identification, "an identification, as identify gives it")
     from monitor.views.plots.residuals import residual_figure, residuals_of
 
     of = robot(arm)
@@ -342,6 +344,11 @@ def simulated(model: str = "ur5", ambient_c: Sequence[float] = (22.0,), *, seed:
 
 
 # --- what arguments may be -------------------------------------------------------------------------------
+
+
+def _is(value: object, kind: type, expected: str) -> None:
+    if not isinstance(value, kind):
+        raise BadInput(f"{type(value).__name__} given; expected {expected}")
 
 
 def _several(recordings: Data | Sequence[Data]) -> list[Data]:

@@ -163,6 +163,8 @@ WRONG = {
     "one moment": (lambda r: jm.assess(r[:2], "ur5", recorded_at=["2026-01-01"] * 2), "at the same time"),
     "interval": (lambda r: jm.assess(r, "ur5", interval="daily"), "--interval 'daily'"),
     "none given": (lambda _: jm.assess([], "ur5"), "none was given"),
+    "no course": (lambda r: jm.plot_friction(jm.identify(r[0], "ur5")), "Identification given; expected a course"),
+    "no identification": (lambda r: jm.plot_residuals(r[0], r, "ur5"), "Recording given; expected an identification"),
     "a room": (lambda _: jm.simulated("ur5", [99.0]), "ambient_c"),
     "a model": (lambda _: jm.simulated("ur9"), "ur9"),
 }
