@@ -40,6 +40,7 @@ PILE_ROWS = 8  # so many readings at the very largest value …
 PILE = 2.0  # … and so many times as many as within a fiftieth of the range below it: cut off there
 NEAR = 0.02
 SMOOTH = 0.02  # of the largest bends: between two readings an interpolated signal has none, and noise has
+SELDOM_HZ = 1.0  # bends that are fewer are torn rows
 MOSTLY = 0.6  # of the rows lie between two readings
 DIGIT = 1e-9  # of the range: a smaller difference of two readings is none of their last digit
 BENDS_AT_HZ = 125.0, 62.0  # rates at which bends are looked for beside that of the file: in quicker rows they drown in rounding
@@ -302,17 +303,23 @@ def _cut_off(x: Array) -> float | None:
     return None
 
 
-def interpolated(motion: Motion) -> Iterator[Reason]:
+def interpolated(repaired: Repaired) -> Iterator[Reason]:
     """Currents or torques of most moving joints that were measured seldom, and interpolated between."""
-    recording, keep = motion.recording, motion.rows.keep
+    recording = repaired.recording
     drive = recording.current if recording.current is not None else recording.torque
-    moving = np.ptp(recording.q[keep], axis=0) > 0.0
-    if drive is None or not moving.any():
+    if drive is None:
         return
-    rates = [_measured_hz(recording.t_s[keep], x, motion.rate_hz) for x in drive[keep][:, moving].T]
+    rows = np.flatnonzero(np.isfinite(recording.t_s) & np.isfinite(drive).all(axis=1) & np.isfinite(recording.q).all(axis=1))
+    t_s, q, drive = recording.t_s[rows], recording.q[rows], drive[rows]
+    new = np.concatenate([[True], (np.diff(t_s) > 0.0) & np.any(drive[1:] != drive[:-1], axis=1)])[: len(rows)]  # held rows are no readings
+    t_s, q, drive = t_s[new], q[new], drive[new]
+    if len(t_s) < STUCK_ROWS:
+        return
+    rate_hz, moving = 1.0 / float(np.median(np.diff(t_s))), np.ptp(q, axis=0) > 0.0
+    rates = [_measured_hz(t_s, x, rate_hz) for x in drive[:, moving].T]
     seldom = [rate for rate in rates if rate is not None]
-    if 2 * len(seldom) > len(rates) and (rate_hz := float(np.median(seldom))) < LOW_RATE_HZ:
-        yield INTERPOLATED(source=named(recording), drive="torque" if recording.current is None else "current", rate_hz=rate_hz)
+    if 2 * len(seldom) > len(rates) and SELDOM_HZ <= (measured_hz := float(np.median(seldom))) < LOW_RATE_HZ:
+        yield INTERPOLATED(source=named(recording), drive="torque" if recording.current is None else "current", rate_hz=measured_hz)
 
 
 def _measured_hz(t_s: Array, x: Array, rate_hz: float) -> float | None:
@@ -445,12 +452,12 @@ DETECTORS = (
     Detector(Repaired, (UNIT_REPAIRED,), units_repaired),
     Detector(Repaired, (CLOCK_DOUBTFUL,), clock_doubtful),
     Detector(Repaired, (SPEEDS_DOUBTFUL,), speeds_doubtful),
+    Detector(Repaired, (INTERPOLATED,), interpolated),
     Detector(Repaired, (CLOCK_UNCHECKED,), clock_unchecked),
     Detector(Motion, (REJECTED_ROWS,), rejected_rows),
     Detector(Motion, (TURNS_UNWOUND,), turns_unwound),
     Detector(Motion, (MOTION_JUMPS,), motion_jumps),
     Detector(Motion, (CURRENT_STUCK, CURRENT_HELD, CURRENT_SATURATED), drives_unmeasured),
-    Detector(Motion, (INTERPOLATED,), interpolated),
     Detector(Motion, (ACCELERATIONS_REPLACED,), accelerations_replaced),
     Detector(Motion, (TEMPERATURE_DOUBTFUL, TEMPERATURE_TORN), temperatures_doubtful),
     Detector(Motion, (REPAIRED_SPIKES,), repaired_spikes),
