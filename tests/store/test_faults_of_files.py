@@ -22,6 +22,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import ended, printed
 from once import once
 
 from monitor.errors import BadInput
@@ -292,6 +293,37 @@ def test_quotes_and_separators_are_those_of_csv(tmp_path, sound, quoted):
     found = read_recording(tmp_path / "a.csv")
     np.testing.assert_allclose(found.current[:, 5], sound.table["actual_current_5"], atol=1e-6)
     np.testing.assert_allclose(found.t_s, sound.table["timestamp"], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_every_command_that_reads_recordings_takes_names_and_a_rate(tmp_path, sound):
+    """The friction is that of the sound file, in each of them."""
+    renamed("actual_q", "pos_{}")(sound.table.drop(columns="timestamp")).to_csv(tmp_path / "a.csv", index=False)
+    sound.table.to_csv(tmp_path / "replay.csv", index=False)
+    how = ("--robot", "ur5", "--columns", "actual_q=pos_{0..5}", "--rate", "125", "--json")
+    found = json.loads(printed("identify", tmp_path / "a.csv", *how))["friction"]["at_speeds"][1]
+    assert found["speed_rad_s"] == SPEED_RAD_S
+    np.testing.assert_allclose(found["torque_nm"], sound.friction_nm, rtol=RIGHT)
+    assert json.loads(printed("energy", tmp_path / "a.csv", *how))["warnings"] == []
+    rigid = tmp_path / "rigid.json"
+    rigid.write_text(printed("identify", tmp_path / "replay.csv", "--robot", "ur5", "--json"))
+    heard = json.loads(printed("listen", tmp_path / "a.csv", "--rigid", rigid, *how))
+    assert heard["files"][0]["rate_hz"] == pytest.approx(125.0)
+    judged = json.loads(printed("assess", tmp_path / "a.csv", "--interval", "1d", *how))
+    assert [warning["code"] for warning in judged["warnings"]] == ["temperature_unknown"]
+    refused = ended("identify", tmp_path / "replay.csv", "--robot", "ur5", "--rate", "125")
+    assert refused.returncode == 2
+    assert "--rate is for rows without one" in refused.stderr
+
+
+def test_a_file_of_other_names_and_targets_is_told_what_it_holds(tmp_path):
+    """Targets are the reason only where nothing else could be the positions."""
+    (tmp_path / "a.csv").write_text("time,target_position_1,target_position_2,joint_position_1,joint_position_2\n0,1,2,3,4\n")
+    with pytest.raises(BadInput, match=r"it names time, target_position_\{1..2\}, joint_position_\{1..2\}"):
+        read_recording(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("timestamp,target_q_0,target_q_1\n0,1,2\n")
+    with pytest.raises(BadInput, match="only targets such as target_q_0: these are what the controller wanted"):
+        read_recording(tmp_path / "b.csv")
 
 
 # --- What a file may cost ------------------------------------------------------------------------------------------

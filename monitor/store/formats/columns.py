@@ -290,7 +290,7 @@ def _braced(pattern: str, numbers: Sequence[int]) -> str:
 def _instead(names: Sequence[str], groups: Mapping[str, Sequence[int]]) -> str:
     """Why a file without positions is refused, and what would help."""
     targets = [name for name in names if name.startswith("target_")]
-    if targets:
+    if targets and all(pattern.startswith("target_") for pattern, numbers in groups.items() if len(numbers) > 1):
         return f"only targets such as {targets[0]}: these are what the controller wanted, and friction shows only in what the arm did"
     pattern_of: dict[str, str] = {}
     for pattern, numbers in groups.items():
