@@ -220,6 +220,10 @@ FAULTS: dict[str, Expected] = {
     "units of 100 ns": Expected(scaled_time(1e7, 1.3e17), "unit_repaired"),
     "newest first": Expected(lambda t: t.iloc[::-1], "rows_sorted"),
     "newest first, whole seconds": Expected(lambda t: t.assign(timestamp=np.floor(t["timestamp"])).iloc[::-1], "rows_sorted"),
+    "times late by up to two ticks": Expected(
+        lambda t: t.assign(timestamp=(t["timestamp"] + 0.016 * np.random.default_rng(7).random(len(t))).round(4)), "clock_of_arrivals"
+    ),
+    "spaces around names": Expected(lambda t: t.rename(columns=lambda name: f"{name} ")),
     "in no order": Expected(lambda t: t.sample(frac=1.0, random_state=1), "rows_sorted"),
     "every row four times": Expected(held(4), "rejected_rows"),
     "every row three times, jitter": Expected(held(3, 5e-4), "rejected_rows"),

@@ -104,7 +104,10 @@ def _in_order(rows: ProductionRows) -> ProductionRows:
         return rows
     # newest first: rows that have one time stand in the reverse order too
     order = np.arange(recording.samples)[::-1] if back > ahead else np.arange(recording.samples)
-    order = order[np.argsort(recording.t_s[order], kind="stable")]
+    place = np.argsort(recording.t_s[order], kind="stable")
+    if back <= ahead and np.median(np.abs(place - np.arange(len(place)))) < FEWEST_STEPS:
+        return rows  # in order, on a clock that shakes by more than its ticks: the times are wrong, not the rows
+    order = order[place]
     sorted_rows = rows.part(order)
     told = (*recording.told, ROWS_SORTED(source=recording.source or "recording", share=back / (back + ahead)))
     return replace(sorted_rows, recording=replace(sorted_rows.recording, context=recording.context, told=told))
@@ -139,6 +142,7 @@ def layout_of(source: str, names: Sequence[str] | None, width: int, columns: str
     """
     if rate_hz is not None and not 0.0 < rate_hz < np.inf:
         raise BadInput(f"--rate {rate_hz:g}: expected the rows a second, e.g. 125")
+    names = None if names is None else [name.strip() for name in names]
     counted = columns is not None and "=" not in columns
     if columns is not None and counted:
         layout = _counted(columns, names)

@@ -66,7 +66,7 @@ def _separator(line: str) -> str | None:
         if candidate in line:
             return candidate
     tokens = line.split()
-    if "," in line and (len(tokens) == 1 or any(token.endswith(",") or token.count(",") > 1 for token in tokens)):
+    if "," in line and (len(tokens) == 1 or any(token.endswith(",") or token.startswith(",") or token.count(",") > 1 for token in tokens)):
         return ","
     return None  # also 1,5 2,5: commas within the fields are decimal commas
 
