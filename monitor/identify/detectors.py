@@ -129,6 +129,11 @@ HELD_OUT_POOR = Sentence(
     "held_out_poor",
     "{source}: the model misses up to {share:.0%} of the torque (joints {joints}), and up to {fitted:.0%} where it was fitted{why}",
 )
+HELD_OUT_AT_REST = Sentence(
+    "held_out_at_rest",
+    "{source}: where joints {joints} stand still the model is off by {times:.0f} times their torque: the motion that was fitted does "
+    "not tell what holds them; expected a motion that excites more, or --method consistent",
+)
 ON_ITS_OWN = Sentence("on_its_own", "; {why}")
 
 
@@ -150,6 +155,7 @@ class Predicted(NamedTuple):
 
     source: str
     missed: Array  # of the torque
+    missed_all: Array  # of that of all samples, those at rest too
     fitted: Array  # of the torque of the recordings that were fitted
     why: Reason | None  # what it is by itself, rather than what it was given as
 
@@ -443,6 +449,14 @@ def held_out_poor(predicted: Predicted) -> Iterator[Reason]:
         )
 
 
+def held_out_at_rest(predicted: Predicted) -> Iterator[Reason]:
+    """Joints whose torque is predicted well in motion, and at rest worse than by nothing: friction holds them by less than their torque."""
+    with np.errstate(invalid="ignore"):
+        absurd = (predicted.missed_all > TWICE) & ~(predicted.missed > 1.0)
+    if absurd.any():
+        yield HELD_OUT_AT_REST(source=predicted.source, joints=np.flatnonzero(absurd) + 1, times=np.max(predicted.missed_all[absurd]))
+
+
 DETECTORS = (
     Detector(Together, (MIXED_PAYLOAD,), mixed_payload),
     Detector(Repaired, (), told_by_reader),
@@ -484,4 +498,5 @@ DETECTORS = (
     Detector(HeldOut, (VALIDATED_ON_FITTED,), validated_on_fitted),
     Detector(HeldOut, (FITTED_TOGETHER,), fitted_together),
     Detector(Predicted, (HELD_OUT_POOR,), held_out_poor),
+    Detector(Predicted, (HELD_OUT_AT_REST,), held_out_at_rest),
 )

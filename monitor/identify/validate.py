@@ -54,7 +54,8 @@ class Validation:
     rms_nm: Array  # over samples with |q̇ⱼ| > 0.02 rad/s, as are relative_rms, r2 and nominal_rms_nm
     relative_rms: Array  # RMS(residual) / RMS(torque)
     r2: Array  # 1 − residual variance / torque variance
-    rms_all_nm: Array  # over all samples
+    rms_all_nm: Array  # over all samples …
+    relative_rms_all: Array  # … over RMS(torque) of all samples
     normalised_error_nm: float  # e_N = √(eᵀe)/N over all joints, Raviola et al. (2021)
     nominal_rms_nm: Array  # RMS error of the manufacturer's masses and centres of mass
     nominal_normalised_error_nm: float  # their e_N: "before" in the paper, beside "after"
@@ -128,6 +129,7 @@ def validate(
         relative_rms=found.relative_rms,
         r2=found.r2,
         rms_all_nm=found.rms_all_nm,
+        relative_rms_all=found.relative_rms_all,
         normalised_error_nm=found.normalised_error_nm,
         nominal_rms_nm=nominal.rms_nm,
         nominal_normalised_error_nm=nominal.normalised_error_nm,
@@ -141,6 +143,7 @@ class Errors(NamedTuple):
     relative_rms: Array
     r2: Array
     rms_all_nm: Array
+    relative_rms_all: Array
     normalised_error_nm: float
 
 
@@ -159,11 +162,13 @@ def errors_of(measured: Array, predicted: Array, moving: Mask) -> Errors:
         return square
 
     rms, size = np.sqrt(mean_square(residual)), np.sqrt(mean_square(measured))
+    rms_all, size_all = (np.sqrt(np.mean(each**2, axis=0)) for each in (residual, measured))
     variance = mean_square(measured - np.sum(np.where(moving, measured, 0.0), axis=0) / count)
     return Errors(
         rms_nm=rms,
         relative_rms=np.divide(rms, size, out=np.full_like(rms, np.nan), where=size > 0.0),
         r2=1.0 - np.divide(rms**2, variance, out=np.full_like(rms, np.nan), where=variance > 0.0),
-        rms_all_nm=np.sqrt(np.mean(residual**2, axis=0)),
+        rms_all_nm=rms_all,
+        relative_rms_all=np.divide(rms_all, size_all, out=np.full_like(rms_all, np.nan), where=size_all > 0.0),
         normalised_error_nm=float(np.linalg.norm(residual) / len(residual)),
     )

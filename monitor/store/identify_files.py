@@ -157,7 +157,7 @@ def _identified(request: Request) -> Outcome:
 
 def _held_out(recording: Recording, validation: Validation, found: Identification, robot: Robot, gains: Array | None) -> list[Reason]:
     """The warnings of a held-out recording: where it does not fit, what it is by itself is looked for."""
-    predicted = Predicted(recording.source, validation.relative_rms, found.relative_rms, None)
+    predicted = Predicted(recording.source, validation.relative_rms, validation.relative_rms_all, found.relative_rms, None)
     told = warnings_of(predicted)
     if not told:
         return []

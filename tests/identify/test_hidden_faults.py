@@ -9,6 +9,7 @@ from oracle_arm import GROUND, friction, recording, rigid_torque, truth
 from own_physics import UR5, late, productioned_arm
 
 from monitor.errors import BadInput, Unidentifiable
+from monitor.identify.detectors import Predicted, warnings_of
 from monitor.identify.identify import identify
 from monitor.identify.signals.arm import same_rows
 from monitor.model.robot import Mounting, load_robot
@@ -138,3 +139,13 @@ def test_no_real_arm_is_told_as_smoothed_or_without_noise(folder, real_data):
         except (BadInput, Unidentifiable):
             continue
         assert not {"torque_smoothed", "no_noise"} & set(codes(found)), file.name
+
+
+def test_a_model_that_is_wrong_by_more_than_all_of_the_torque_where_joints_stand_still_says_so():
+    """In motion it fits: no joint was excited by what holds it at rest."""
+    sound = np.full(6, 0.05)
+    at_rest = np.array([0.1, 90.0, 0.2, np.nan, 1.5, 0.1])
+    (told,) = warnings_of(Predicted("held.csv", sound, at_rest, sound, None))
+    assert told.code == "held_out_at_rest"
+    assert "joints 2 stand still" in str(told)
+    assert not warnings_of(Predicted("held.csv", sound, np.full(6, 1.0), sound, None))
