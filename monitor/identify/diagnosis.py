@@ -467,7 +467,8 @@ def _wrong_sizes(fitted: Fitted) -> Iterator[Reason]:
     rubs, heavy = wrong(share, ratio)
     count, of = int(np.sum(rubs | heavy)), int(np.sum(np.isfinite(share)))
     cause, factor = unit_cause(robot, measured=measured)
-    if count and np.all(np.isfinite(factor)) and not np.any(wrong(share * factor, ratio * factor)):
+    enough = 1 if measured else (of + 1) // 2  # an arm that is larger than the model says has some joints that rub too much
+    if count >= max(enough, 1) and np.all(np.isfinite(factor)) and not np.any(wrong(share * factor, ratio * factor)):
         yield GAIN_DOUBTFUL(why=UNIT_SIZE(cause=cause, count=count, of=of))
         return
     for j in np.flatnonzero(rubs | heavy).tolist():

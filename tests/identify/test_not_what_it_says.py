@@ -175,3 +175,21 @@ def test_production_that_is_not_of_the_arm_is_refused_with_its_cause(name, tmp_p
     request = ListenRequest(files=[wrong], rigid=replay, history=None, robot=UR5, mounting=GROUND)
     with pytest.raises(BadInput, match=r"work.csv: .*(exchanged|stays at 0).*expected the columns and units of the replay"):
         listen_to_files(request, load_robot, lambda *_: None)
+
+
+def test_a_larger_arm_than_the_model_says_is_told_as_its_weight():
+    """The wrong model of robot is neither an exchange nor a unit: its links seem too heavy."""
+    found, _ = of_arm(HEALTHY, load_robot("ur3"), UR5.drive_gain_nm_per_a)
+    assert found.warnings[0].code == "gain_doubtful"
+    assert "weigh" in found.warnings[0].text
+    assert not_of_the_arm(found) is None
+
+
+def test_torques_in_the_place_of_currents_are_named_on_a_real_ur3(real_data):
+    """Its wrists have gains a third of the others', so that their friction alone would still be possible."""
+    path = real_data / "arms" / "ur3_brasilia" / "ur3_brasilia_traj1_runD_full.csv"
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    robot = load_robot("ur3")
+    good, told = right_or_named(dict(faults(robot))["N·m for A"], read_recording(path), robot)
+    assert good, told
