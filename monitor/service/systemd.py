@@ -167,6 +167,15 @@ def stderr_is_journal() -> bool:
     return stream == f"{about.st_dev}:{about.st_ino}"
 
 
+class TimedFormatter(logging.Formatter):
+    """A line of the log where no journal adds the time: it begins with it, in UTC."""
+
+    converter = staticmethod(time.gmtime)
+
+    def __init__(self) -> None:
+        super().__init__("%(asctime)s %(levelname)s %(name)s %(message)s", "%Y-%m-%dT%H:%M:%SZ")
+
+
 def log_as_a_service(site: str, robot: str) -> None:
     """Set up the log: to the journal with its fields where standard error is connected to it, else to standard error."""
     handler: logging.Handler | None = None
@@ -175,7 +184,7 @@ def log_as_a_service(site: str, robot: str) -> None:
             handler = JournalHandler({"JOINT_MONITOR_SITE": site, "JOINT_MONITOR_ROBOT": robot})
     if handler is None:
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(logging.Formatter("%(levelname)s %(name)s %(message)s"))
+        handler.setFormatter(TimedFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 

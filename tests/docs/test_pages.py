@@ -242,7 +242,7 @@ def test_every_logger_and_folder_of_a_page_exists():
     """The module that a line of the log names contains the line's text; whatever is called `folder/name` exists."""
     shown_lines = 0
     for page, text in PAGES.items():
-        for name, line in re.findall(r"^(?:INFO|WARNING) (monitor[\w.]+) (.+)$", text, re.MULTILINE):
+        for name, line in re.findall(r"^\S+Z (?:INFO|WARNING) (monitor[\w.]+) (.+)$", text, re.MULTILINE):
             shown_lines += 1
             assert any(pattern.fullmatch(line) for pattern in messages(name)), f"{page}: {name} logs no line like {line!r}"
         if page in GENERATED or page == "docs/CHANGELOG.md":

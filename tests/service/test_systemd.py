@@ -4,7 +4,10 @@ import logging
 import os
 import socket
 import struct
+import subprocess
+import sys
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -114,3 +117,17 @@ def test_a_problem_is_logged_when_it_begins_and_when_it_ends(caplog):
     problems.update("disk", None)
     assert [record.message for record in caplog.records] == ["trouble=disk: full since 100", "trouble=disk is over, after 5 s"]
     assert problems.listed() == []
+
+
+def test_where_no_journal_takes_the_log_each_line_begins_with_its_time():
+    """Two lines of one second, and of another zone than the host's, can be told apart from yesterday's."""
+    code = (
+        "import logging; from monitor.service.systemd import log_as_a_service; log_as_a_service('hall', 'a');"
+        "logging.getLogger('monitor.x').warning('replay=%d', 7)"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != "JOURNAL_STREAM"} | {"TZ": "Asia/Tokyo"}
+    before = datetime.now(UTC).replace(microsecond=0)
+    said = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True).stderr
+    at, _, line = said.partition(" ")
+    assert line == "WARNING monitor.x replay=7\n"
+    assert before <= datetime.fromisoformat(at) <= datetime.now(UTC)
