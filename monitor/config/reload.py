@@ -21,6 +21,7 @@ NEEDS_RESTART = (
     "bus",
     "metrics",
     "page",
+    "notify",
     "store.directory",
     "drift.reference_speed_rad_s",
 )

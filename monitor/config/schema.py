@@ -10,6 +10,7 @@ from annotated_types import Interval
 
 from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.acquire.settings import Installation, ProductionListenSettings, ReplaySettings
+from monitor.config.notify import NotifySettings
 from monitor.errors import BadInput
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.settings import AssessSettings
@@ -98,6 +99,7 @@ class Configuration:
     excitation: Excitation
     production: ProductionListenSettings = dataclasses.field(default_factory=ProductionListenSettings)
     inspection: InspectionSettings = dataclasses.field(default_factory=InspectionSettings)
+    notify: NotifySettings = dataclasses.field(default_factory=NotifySettings)
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
 
     @property

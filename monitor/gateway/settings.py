@@ -13,13 +13,13 @@ from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Interval
 
+from monitor.config.notify import NotifySettings
 from monitor.errors import BadConfiguration, BadInput
 from monitor.gateway.channel import Channel, Surroundings
 from monitor.gateway.connection import Finding, believed, needs
 from monitor.gateway.mqtt import broker
 from monitor.gateway.mqtt import channel as mqtt
 from monitor.gateway.notify import people
-from monitor.gateway.notify.routing import NotifySettings
 from monitor.gateway.opcua import settings as opcua
 from monitor.gateway.ros2 import channel as ros2
 from monitor.gateway.tickets import listener as tickets

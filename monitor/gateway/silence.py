@@ -3,8 +3,9 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
+from monitor.config.notify import PLANT_SILENT
 from monitor.gateway.outbox import Owed
-from monitor.gateway.values import CLEARED, ENDED, PLANT, PLANT_SILENT, RAISED, Delivery, Transition, transition_id
+from monitor.gateway.values import CLEARED, ENDED, PLANT, RAISED, Delivery, Transition, transition_id
 from monitor.plant.arm import UNKNOWN_SILENCE, ArmName, HeardArm
 from monitor.publish.documents import Alert, worded
 from monitor.publish.timestamps import utc

@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from monitor.config.notify import PLANT_SILENT
 from monitor.plant.arm import ArmName, HeardArm
 from monitor.publish.documents import Alert, as_json, read
 from monitor.publish.shown import tier_gravity
 
 RAISED, GRAVER, MILDER, CLEARED = "raised", "graver", "milder", "cleared"
 ACTIVE = "active"  # its arm says it, and its raising was told to nobody
-PLANT, PLANT_SILENT = ArmName("plant", "service"), "plant_silent"  # what a transition of the plant's own service has in an arm's place
+PLANT = ArmName("plant", "service")  # what a transition of the plant's own service has in an arm's place
 ENDED = "none"  # the tier of an alert before it is raised, and after it is cleared
 
 

@@ -17,10 +17,10 @@ from email.policy import SMTP
 from email.utils import format_datetime, parseaddr
 from typing import Any
 
+from monitor.config.notify import NotifySettings, RecipientSettings
 from monitor.gateway.connection import Finding, NotReached, Refused, Steps, attempted, believed, dial, say_tls, untrusted
 from monitor.gateway.connection import reason as socket_reason
 from monitor.gateway.notify.messages import Message
-from monitor.gateway.notify.routing import NotifySettings, RecipientSettings
 from monitor.plant.settings import PlantConfiguration
 
 TIMEOUT_S = 20.0  # of one look for more

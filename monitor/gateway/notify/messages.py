@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
 from monitor import __version__
+from monitor.config.notify import NotifySettings, RecipientSettings, time_of_day
 from monitor.gateway.channel import Surroundings
-from monitor.gateway.notify.routing import ALREADY, ESCALATION, FLEET, REPORT, NotifySettings, RecipientSettings, Route, time_of_day
+from monitor.gateway.notify.routing import ALREADY, ESCALATION, FLEET, REPORT, Route
 from monitor.gateway.outbox import Owed
 from monitor.gateway.values import ACTIVE, CLEARED, GRAVER, MILDER, RAISED, Delivery, Transition, page_of
 from monitor.plant.arm import HeardArm, worst_first

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 from zoneinfo import ZoneInfo
 
+from monitor.config.notify import NotifySettings, RecipientSettings
 from monitor.errors import BadInput, MonitorError
 from monitor.gateway.channel import Channel, Surroundings
 from monitor.gateway.connection import Finding, NotReached, Refused
@@ -19,8 +20,6 @@ from monitor.gateway.notify.routing import (
     WEAR,
     Gathered,
     Group,
-    NotifySettings,
-    RecipientSettings,
     Route,
     Sent,
     gathered,

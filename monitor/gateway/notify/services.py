@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
+from monitor.config.notify import NotifySettings, RecipientSettings
 from monitor.errors import BadInput
 from monitor.gateway.connection import (
     Finding,
@@ -27,7 +28,6 @@ from monitor.gateway.connection import (
     signed,
 )
 from monitor.gateway.notify.messages import Message
-from monitor.gateway.notify.routing import NotifySettings, RecipientSettings
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.timestamps import outside
 
