@@ -44,6 +44,10 @@ def run(
     try:
         # systemd 252 lets the main process alone read its credentials, and not ExecReload
         configuration = load_configuration(config, secrets_needed=not only_check, reads_files=True)
+        if configuration.notify.to:
+            from monitor.gateway.own import own_configuration
+
+            own_configuration(configuration).check_files()
         if only_check:
             typer.echo(f"{configuration.path} is right")
             return
@@ -60,7 +64,12 @@ def _serve(configuration: "Configuration", now: bool) -> None:
     log_as_a_service(configuration.robot.site, configuration.robot.id)
     for name in configuration.overrides:
         logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
-    serve(configuration, replay_now=now)
+    if configuration.notify.to:
+        from monitor.gateway.own import OwnGateway  # and with it a database of its own and a client of the mail server
+
+        serve(configuration, replay_now=now, running=OwnGateway)
+    else:
+        serve(configuration, replay_now=now)
 
 
 def predict(

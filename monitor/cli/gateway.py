@@ -1,18 +1,29 @@
 """The command `gateway …`, which reports what the plant knows to people and to other systems."""
 
 import logging
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from monitor.cli.options import EXIT_CONFIG, Commands, Group, JsonOption, print_json
+from monitor.cli.options import EXIT_CONFIG, Commands, Group, JsonOption, named_configuration, print_json
 from monitor.cli.plant import OnlyCheckOption, PlantOption, plant_database, plant_path, run_alone
-from monitor.errors import BadConfiguration
+from monitor.errors import BadConfiguration, StoreError
 
 if TYPE_CHECKING:
     from monitor.gateway.settings import GatewayConfiguration
+
+EitherOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        "-c",
+        help="The plant's file, or an arm's that has [notify]; default plant.toml here, else the service's.",
+        show_default=False,
+    ),
+]
 
 
 def gateway(context: typer.Context, config: PlantOption = None, only_check: OnlyCheckOption = False) -> None:
@@ -23,6 +34,8 @@ def gateway(context: typer.Context, config: PlantOption = None, only_check: Only
 def run(config: PlantOption = None, only_check: OnlyCheckOption = False) -> None:
     """Tell what the plant copies, until SIGTERM. Exit 78: the configuration is wrong, or no channel is configured."""
     try:
+        if (arm := _arm(config)) is not None:
+            raise BadConfiguration(f"{arm}: is an arm's file; its daemon tells people by itself: joint-monitor run --config {arm}")
         configuration = _loaded(config)
         configuration.expect_channel()
         if only_check:
@@ -36,7 +49,7 @@ def run(config: PlantOption = None, only_check: OnlyCheckOption = False) -> None
 
 
 def check(
-    config: PlantOption = None,
+    config: EitherOption = None,
     send: Annotated[bool, typer.Option("--send", help="Also send a test message to everybody whom [notify] names.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -55,11 +68,19 @@ def check(
     raise typer.Exit(0 if configuration.enabled and all(finding.ok for finding in found) else 3)
 
 
-def status(config: PlantOption = None, as_json: JsonOption = False) -> None:
+def status(config: EitherOption = None, as_json: JsonOption = False) -> None:
     """Tell what is owed to whom, what was given up, and each channel's trouble; whether the gateway runs or not."""
     from monitor.gateway.status import as_document, as_lines, gateway_status
 
-    with plant_database(config) as database:  # it needs no secret of a channel
+    arm = _arm(config)
+    if arm is not None:
+        from monitor.cli.options import load_configuration
+        from monitor.gateway.own import own_configuration
+
+        of = own_configuration(load_configuration(arm)).plant
+        if not of.directory.is_dir():
+            raise StoreError(f"{of.directory}: nothing was told yet; it is made by `joint-monitor run` with a [notify] that names somebody")
+    with plant_database(config if arm is None else of) as database:  # it needs no secret of a channel
         found = gateway_status(database)
     if as_json:
         print_json(as_document(found))
@@ -69,9 +90,25 @@ def status(config: PlantOption = None, as_json: JsonOption = False) -> None:
 
 
 def _loaded(config: Path | None) -> "GatewayConfiguration":
+    arm = _arm(config)
+    if arm is not None:
+        from monitor.gateway.own import load_own
+
+        return load_own(arm)
     from monitor.gateway.settings import load_gateway
 
     return load_gateway(plant_path(config))
+
+
+def _arm(config: Path | None) -> Path | None:
+    """The file of an arm, whose daemon tells people by itself; None where the plant's is meant."""
+    if config is None:
+        return None
+    path = named_configuration(config)
+    try:
+        return path if "robot" in tomllib.loads(path.read_text("utf-8")) else None
+    except (OSError, ValueError):
+        return None  # whoever reads it says what is wrong
 
 
 def _serve(configuration: "GatewayConfiguration") -> None:

@@ -212,7 +212,11 @@ def _bus_reach(configuration: "Configuration") -> list[dict[str, Any]]:
 
 
 def _gateway_reach(configuration: "Configuration") -> dict[str, Any] | None:
-    """How far the channels get that tell of this arm's alerts; None where no gateway has its file here."""
+    """How far the channels get that tell of this arm's alerts; None where neither its file nor a gateway's here has any."""
+    if configuration.notify.to:
+        from monitor.gateway.own import check_own
+
+        return {"file": str(configuration.path), "findings": [finding._asdict() for finding in check_own(configuration.path)]}
     from monitor.plant.settings import default_path
 
     path = default_path(configuration.path.parent)

@@ -50,12 +50,13 @@ def loaded_plant(config: Path | None, *, database_alone: bool = False) -> "Plant
 
 
 @contextmanager
-def plant_database(config: Path | None, *, migrates: bool = True, begins: bool = False) -> "Iterator[Database]":
+def plant_database(config: "Path | PlantConfiguration | None", *, migrates: bool = True, begins: bool = False) -> "Iterator[Database]":
     """The plant's database. migrates : bring its schema up to date first. begins : one that does not exist yet is made."""
     from monitor.plant.database import Database
+    from monitor.plant.settings import PlantConfiguration
     from monitor.store.backup import hand_over
 
-    configuration = loaded_plant(config, database_alone=True)
+    configuration = config if isinstance(config, PlantConfiguration) else loaded_plant(config, database_alone=True)
     database = Database(configuration.database)
     try:
         if not begins and not database.exists:

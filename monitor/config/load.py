@@ -35,7 +35,7 @@ def load(
     """Read and check one configuration. Variables JOINT_MONITOR__SECTION__KEY replace values of the file.
 
     environment : os.environ where not given. secrets_needed : where false, credentials are not read. reads_files : also the files that
-    the service alone opens are read, as it will open them.
+    the service alone opens are read, as it will open them, and the credentials of [notify].
     Raises BadConfiguration that lists every mistake with its line and key.
     """
     environment = os.environ if environment is None else environment
@@ -43,7 +43,7 @@ def load(
     source.override(environment, text_keys())
     _place_history(source.document, path, environment)
     if secrets_needed:
-        source.take_credentials(environment.get("CREDENTIALS_DIRECTORY"))
+        source.take_credentials(environment.get("CREDENTIALS_DIRECTORY"), but=() if reads_files else ("notify",))
     configuration = _from_document(source.document, path, source.mistakes)
     if reads_files and configuration is not None:
         _read_files(configuration, source.mistakes, secrets_needed=secrets_needed)

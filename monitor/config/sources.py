@@ -54,9 +54,10 @@ class Source:
         self._in_file = frozenset(self.document)
         self.overrides = tuple(overridden(self.document, environment, self.mistakes, texts))
 
-    def take_credentials(self, directory: str | None) -> None:
-        """Replace every `credential:NAME` by the text of the file NAME in `directory`."""
-        self.document = with_credentials(self.document, directory, self.mistakes, self.secrets)
+    def take_credentials(self, directory: str | None, but: Collection[str] = ()) -> None:
+        """Replace every `credential:NAME` by the text of the file NAME in `directory`. but : sections that stay as they are."""
+        taken = {name: table for name, table in self.document.items() if name not in but}
+        self.document |= with_credentials(taken, directory, self.mistakes, self.secrets)
 
     def refuse(self) -> None:
         """Raises BadConfiguration that lists every mistake with its line or variable, if there is one."""

@@ -6,7 +6,7 @@ All channels are off by default. A further one is a settings class and an entry 
 import dataclasses
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -158,15 +158,20 @@ def load_gateway(path: Path | None, environment: Mapping[str, str] | None = None
     own = {"plant": PlantSettings, "gateway": GatewaySettings, **{kind.section: kind.settings for kind in CHANNELS}}
     read = load_sections(path, own, (*OF_GATEWAY, *OF_SERVICE), environment)
     sections = {name: read.settings[name] for name in (kind.section for kind in CHANNELS)}
-    found = {secret for settings in sections.values() for secret in _secrets(settings)} | set(read.secrets.values())
     return GatewayConfiguration(
         path=path,
         plant=PlantConfiguration(path=path, plant=read.settings["plant"], overrides=read.overrides),
         gateway=read.settings["gateway"],
         sections=sections,
         overrides=read.overrides,
-        secrets=tuple(sorted((each for each in found if len(each) >= SHORTEST_SECRET), key=len, reverse=True)),
+        secrets=secrets_of(sections.values(), read.secrets.values()),
     )
+
+
+def secrets_of(sections: Iterable[Any], more: Iterable[str] = ()) -> tuple[str, ...]:
+    """The secrets of these settings, and more of them; the longest first, as one may hold another."""
+    found = {secret for settings in sections for secret in _secrets(settings)} | set(more)
+    return tuple(sorted((each for each in found if len(each) >= SHORTEST_SECRET), key=len, reverse=True))
 
 
 def _secrets(settings: Any) -> Iterator[str]:

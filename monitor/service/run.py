@@ -42,12 +42,13 @@ DISK_WAIT_S = 5.0  # between two attempts to open a history whose disk is full o
 
 
 class Running(NamedTuple):
-    """The daemon that `serve` has started, for whoever hands in its clock."""
+    """The daemon that `serve` has started, for whoever hands in its clock, or tells people of its alerts."""
 
     daemon: Daemon
     store: Store
     scheduler: Scheduler
     requests: ReplayRequests
+    problems: Problems
 
 
 def serve(
@@ -129,7 +130,7 @@ def serve(
         )
         _start_threads(daemon, workers, uploads, alive, gathered, stack)
         if running is not None:
-            stack.enter_context(running(Running(daemon, store, scheduler, requests)))
+            stack.enter_context(running(Running(daemon, store, scheduler, requests, problems)))
         _watch(daemon, configuration, workers, hangup, stack)
         log.info("stopping")
         workers.document.write_end()

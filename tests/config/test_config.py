@@ -23,7 +23,7 @@ LEAST = {"robot": {"model": "ur5", "site": "lab", "id": "cell-1"}}
 def test_the_reference_configuration_holds_the_defaults():
     """An empty file gives the same settings as the reference: its figures are those of the code."""
     reference, least = load(REFERENCE), from_document(LEAST, REFERENCE)
-    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "assess"):
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "notify", "assess"):
         assert getattr(reference, name) == getattr(least, name), name
     assert reference.excitation.digest == least.excitation.digest
 
@@ -47,7 +47,7 @@ def test_every_key_of_the_code_is_in_the_reference_with_its_reason():
             keys.add(field.name)
 
     loaded = load(REFERENCE)
-    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page"):
+    for name in ("robot", "schedule", "store", "replay", "bus", "metrics", "page", "notify"):
         collect(type(getattr(loaded, name)), document[name], name)
     for field in dataclasses.fields(loaded.assess):
         value = getattr(loaded.assess, field.name)
