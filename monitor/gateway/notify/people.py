@@ -267,7 +267,7 @@ def send_test(settings: NotifySettings, plant: PlantConfiguration, default_langu
                 kind=TEST,
                 recipient=address,
                 subject=say.say("Test message of joint-monitor"),
-                text=say.say("A person has asked for this message. Alerts of the plant will come in the same way.") + "\n",
+                text=say.say("A person has asked for this message. Alerts will come in the same way.") + "\n",
                 made_at_unix_s=now(),
             )
             try:
