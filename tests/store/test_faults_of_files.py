@@ -227,6 +227,9 @@ FAULTS: dict[str, Expected] = {
     "in no order": Expected(lambda t: t.sample(frac=1.0, random_state=1), "rows_sorted"),
     "every row four times": Expected(held(4), "rejected_rows"),
     "every row three times, jitter": Expected(held(3, 5e-4), "rejected_rows"),
+    "every row four times, at rest too": Expected(
+        lambda t: held(4)(pd.concat([t, *[t.tail(1)] * 400], ignore_index=True)), "rejected_rows"
+    ),
     "speeds empty": Expected(with_columns("actual_qd", lambda t, j: np.nan), "signal_empty"),
     "speeds of one joint empty": Expected(lambda t: t.assign(actual_qd_2=np.nan), "signal_empty"),
     "speeds in every second row": Expected(sparse, "signal_empty"),

@@ -212,6 +212,7 @@ LIMITS: Mapping[str, float] = {
 OF_DRIVES = ("current", "torque")
 OWN_SIZE = 10.0  # times the 90 % quantile of a current or torque: no motion of a sound recording has more
 HELD_SPEED_RAD_S = 0.02  # of a joint that cannot stay where it is from one row to the next
+MOSTLY_HELD = 0.4  # of the rows of the motion: a log at twice the rate of its signals repeats half of them
 HARMLESS = ("doubled", "held")  # reasons for which nothing is lost that was measured
 
 
@@ -272,11 +273,15 @@ def _doubled(rows: Mapping[str, Array], keep: Indices) -> Mask:
 
 
 def _held(rows: Mapping[str, Array], keep: Indices) -> Mask:
-    """(N,) rows that repeat the signals of the row before them at a later time, although the arm moved on: a tick was missed."""
-    held = np.zeros(len(keep), dtype=bool)
+    """(N,) rows that repeat the signals of the row before them at a later time, although the arm moved on: a tick was missed.
+
+    Where most rows of the motion do so, the log is quicker than the signals, and those at rest that repeat are no readings either.
+    """
+    held: Mask = np.zeros(len(keep), dtype=bool)
     if len(keep) and "qd" in rows:
-        again = np.flatnonzero(_repeats([value for key, value in rows.items() if key != "t_s"], keep))
-        held[again] = np.any(np.abs(rows["qd"][keep[again]]) > HELD_SPEED_RAD_S, axis=1)
+        again = _repeats([value for key, value in rows.items() if key != "t_s"], keep)
+        moving = np.any(np.abs(rows["qd"][keep]) > HELD_SPEED_RAD_S, axis=1)
+        held = again if np.count_nonzero(again & moving) > MOSTLY_HELD * np.count_nonzero(moving) else again & moving
     return held
 
 
