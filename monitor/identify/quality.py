@@ -5,12 +5,13 @@ from typing import Any
 
 from monitor.identify.detectors import CURRENT_STUCK
 from monitor.identify.diagnosis import LIKELY_CAUSE, POOR, UNIT_SIZE
-from monitor.identify.explanations import OTHER_GAIN
+from monitor.identify.explanations import OTHER_GAIN, OTHER_MOUNTING, OTHER_OFFSET
 from monitor.identify.gain_check import GAIN_DOUBTFUL
 from monitor.identify.identification import Identification
 from monitor.identify.settings import QualitySettings
 from monitor.reason import Reason, Sentence
 
+OF_THE_ARM = {cause.code for cause in (OTHER_GAIN, OTHER_OFFSET, OTHER_MOUNTING)}
 TICKS_MISSING = Sentence("ticks_missing", "{percent:.1f} % of the ticks are missing from the recording; at most {most_percent:g} %")
 MANY_TARGETS_LATE = Sentence(
     "many_targets_late", "{percent:.1f} % of the targets came late, which jerks the arm; at most {most_percent:g} %"
@@ -41,12 +42,12 @@ def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualityS
 def not_of_the_arm(identification: Identification) -> Reason | None:
     """Why the recordings are not what they were given as, whatever the arm does: other columns, signs, units, no reading.
 
-    None where they may be. A gain is the arm's own matter: a drive may have been changed.
+    None where they may be. Gain, offset and mounting are the arm's own matter: a drive may have been changed, an arm mounted anew.
     """
     for warning in identification.warnings:
         why, cause, left = (warning.parameters.get(name) for name in ("why", "cause", "left"))
         surely = isinstance(left, float) and left < POOR
-        if warning.code == LIKELY_CAUSE.code and surely and isinstance(cause, Reason) and cause.code != OTHER_GAIN.code:
+        if warning.code == LIKELY_CAUSE.code and surely and isinstance(cause, Reason) and cause.code not in OF_THE_ARM:
             return warning
         if warning.code == GAIN_DOUBTFUL.code and isinstance(why, Reason) and why.code == UNIT_SIZE.code:
             return why

@@ -147,6 +147,7 @@ def test_check_reports_whether_the_service_could_run(cell: Path, tmp_path: Path)
         "disk": True,
         "clock": True,
         "socket_lock": True,
+        "schedule": True,
     }
     assert document["may_run"]
     assert not document["may_move"]
