@@ -182,7 +182,7 @@ def test_a_joint_that_stands_still_has_no_friction_to_report(method, friction):
         (lambda rec: replace(rec, temperature_c=rec.temperature_c + np.linspace(0, 3, rec.samples)[:, None]), "temperature_drift"),
         (lambda rec: replace(rec, target_current=rec.current), "current_is_target"),
         (lambda rec: replace(rec, context=replace(rec.context, payload_kg=2.0)), "payload"),
-        (lambda rec: replace(rec, current=-rec.current), "unphysical_friction"),
+        (lambda rec: replace(rec, current=-rec.current), "likely_cause"),
         (lambda rec: replace(rec, **{name: value[::4] for name, value in rec.signals.items()}), "low_rate"),
     ],
     ids=["warming", "simulator", "payload", "sign", "rate"],
