@@ -74,7 +74,16 @@ BAD_CURRENTS = {
     "sign": lambda x: -x,
     "saturated": lambda x: np.clip(x, -0.5 * np.max(x), 0.5 * np.max(x)),
 }
-TOLD = {"current_stuck", "current_held", "current_saturated", "gain_doubtful", "poor_fit", "unphysical_friction", "torque_offset"}
+TOLD = {
+    "likely_cause",
+    "current_stuck",
+    "current_held",
+    "current_saturated",
+    "gain_doubtful",
+    "poor_fit",
+    "unphysical_friction",
+    "torque_offset",
+}
 
 
 @pytest.mark.parametrize("bad", BAD_CURRENTS)

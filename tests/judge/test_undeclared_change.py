@@ -174,8 +174,8 @@ def test_ur10e_recordings_raise_no_wear_alert(real_data, tmp_path, monkeypatch, 
     from monitor.store.from_files import series
     from monitor.store.from_files.series import Series, assess_series, manifest
 
-    def warm(path: object, columns: str) -> object:
-        recording = read_recording(path, columns)
+    def warm(path: object, columns: str, rate_hz: float | None) -> object:
+        recording = read_recording(path, columns, rate_hz)
         return replace(recording, temperature_c=np.full((recording.samples, 6), 30.0))
 
     monkeypatch.setattr(series, "read_recording", read_recording if blind else warm)

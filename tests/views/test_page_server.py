@@ -400,16 +400,6 @@ def test_report_and_history_are_made_on_request(served):
     assert len(table.decode().splitlines()) == 38 * 6 + 1
 
 
-def test_a_report_that_cannot_be_drawn_is_answered_with_the_reason(served, monkeypatch):
-    """Where matplotlib is not installed the answer says so, and the page goes on."""
-    server, _, _ = served
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    status, _, text = ask(server, "/report?lang=en")
-    assert status == 409
-    assert "matplotlib" in text.decode()
-    assert ask(server, "/")[0] == 200
-
-
 def test_the_page_comes_in_the_language_of_the_browser(served):
     """The header decides, the address before it; sentences of the bus come in it, and those of the bus itself stay English."""
     server, daemon, _ = served
