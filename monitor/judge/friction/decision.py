@@ -101,11 +101,13 @@ def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, 
 
 
 def crossings(
-    odds: Odds, peaks: Array, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings, age: Array
+    odds: Odds, needed: Array, learnt: np.ndarray, counted: np.ndarray, joints_per_arm: int, settings: DecisionSettings
 ) -> Crossing:
-    """Whose change it is. peaks : (2, N) R so far; learnt : (N,) channels that are no longer new; counted : (A, J) joints of the mean."""
+    """Whose change it is. needed : (2, N) R from which it is found; learnt : (N,) channels that are no longer new; counted : (A, J) joints
+    that the mean is of.
+    """
     J = joints_per_arm
-    needed, reached = settings.needed(peaks, counted, J, age).reshape(2, -1, J + 1), (odds.R * learnt).reshape(2, -1, J + 1)
+    needed, reached = needed.reshape(2, -1, J + 1), (odds.R * learnt).reshape(2, -1, J + 1)
     A, crossed = needed[..., :J], reached[..., J] >= needed[..., J]
     R, change, of = odds.R.reshape(2, -1, J + 1), odds.change.reshape(-1, J + 1), counted.sum(axis=1)
     part = change[:, :J] * np.sign(change[:, J:]) * counted

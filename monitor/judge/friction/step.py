@@ -296,7 +296,7 @@ def new_level(state: FrictionState, n: np.ndarray, var: float) -> None:
 
 def _age(state: FrictionState, days: Array, use: Array, model: FrictionModel) -> None:
     state.age_days += days
-    state.found.ago_days[:] += days
+    state.found.ago_days += days
     state.peaks *= np.exp(-days / model.decision.forgotten_days)
     state.use += use
     grow(state.x, state.P, state.bank.B, use)
@@ -403,7 +403,8 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel, production: b
     counted = ~state.risen.reshape(-1, J + 1)[:, :J]
     learnt = seen.shown & (state.replays > model.decision.learning_replays) & ~waiting
     state.peaks = np.maximum(state.peaks, of_change.R * learnt)
-    told = crossings(of_change, state.peaks, learnt, counted, J, model.decision, state.age_days)
+    needed = model.decision.needed(state.peaks, counted, J, state.age_days)
+    told = crossings(of_change, needed, learnt, counted, J, model.decision)
     if production:  # what joints do together, and what falls, is for replays to say
         told = told._replace(falls=np.zeros_like(told.falls), common=np.zeros_like(told.common))
     else:
@@ -415,7 +416,6 @@ def _judge(state: FrictionState, seen: Seen, model: FrictionModel, production: b
     hit = np.flatnonzero(told.rises | told.falls | of_mean)
     if hit.size:
         before = state.x[:, WEAR, hit].copy()
-        needed = model.decision.needed(state.peaks, counted, J, state.age_days)
         remember_found(
             state.found,
             hit,
