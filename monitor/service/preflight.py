@@ -162,16 +162,16 @@ def _schedule(configuration: Configuration, now: float) -> ConditionResult:
     settings, replay = configuration.schedule, configuration.replay
     if not settings.cron.strip() and not settings.every_h:
         return ConditionResult(name="schedule", holds=True, reason=NO_WINDOWS())
-    days = HORIZONS_DAYS[-1]
-    found = windows(settings, now, now + days * DAY_S, None, configuration.key_prefix)
+    found: list[Window] = []
+    for days in HORIZONS_DAYS:  # a dense schedule has half a million windows in the last of them
+        found = windows(settings, now, now + days * DAY_S, None, configuration.key_prefix)
+        allowed = next((each for each in found if _may_move(replay, each)), None)
+        if allowed is not None:
+            return ConditionResult(name="schedule", holds=True, reason=NEXT_WINDOW(at=rfc3339(allowed.opens_unix_s)))
     if not found:
-        return ConditionResult(name="schedule", holds=False, reason=NEVER_OPENS(cron=settings.cron, days=days))
-    allowed = next((each for each in found if _may_move(replay, each)), None)
-    if allowed is None:
-        spans = ", ".join(replay.windows_utc)
-        first = rfc3339(found[0].opens_unix_s)
-        return ConditionResult(name="schedule", holds=False, reason=NEVER_MEETS(windows=spans, first=first, days=days))
-    return ConditionResult(name="schedule", holds=True, reason=NEXT_WINDOW(at=rfc3339(allowed.opens_unix_s)))
+        return ConditionResult(name="schedule", holds=False, reason=NEVER_OPENS(cron=settings.cron, days=HORIZONS_DAYS[-1]))
+    spans, first = ", ".join(replay.windows_utc), rfc3339(found[0].opens_unix_s)
+    return ConditionResult(name="schedule", holds=False, reason=NEVER_MEETS(windows=spans, first=first, days=HORIZONS_DAYS[-1]))
 
 
 def _may_move(replay: ReplaySettings, window: Window) -> bool:
