@@ -270,6 +270,16 @@ def test_a_context_that_returns_has_its_level():
     assert mean[:J] == pytest.approx(np.zeros(J), abs=0.02)
 
 
+def test_a_level_of_another_context_is_as_sure_as_it_was_where_no_production_was_observed():
+    model, y = FrictionModel(), noise(np.random.default_rng(18), 60, J)
+    state = initial_state(seen(y[0]), J, model, levels=2)
+    for day in range(60):
+        state = step(state, seen(y[day]), np.array([float(day > 0)]), model, slot=np.array([int(day < 30)]), in_place=True)
+        if day == 30:
+            before = state.P[:, -1, -1].copy()
+    assert (state.P[:, -1, -1] <= before + 1e-12).all()  # the walk of a production that there is not would add 3e-5
+
+
 def test_days_that_go_backwards_are_refused():
     model = FrictionModel()
     state = initial_state(seen(np.zeros(J)), J, model)

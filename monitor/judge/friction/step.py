@@ -302,8 +302,7 @@ def _age(state: FrictionState, days: Array, use: Array, model: FrictionModel) ->
     grow(state.x, state.P, state.bank.B, use)
     at, n = LEVEL + state.slot, np.arange(len(days))
     state.P[:, at, at, n] += model.states.level_walk**2 * days
-    if state.x.shape[1] - LEVEL > 1:
-        state.P[:, -1, -1] += model.states.production_walk**2 * days
+    state.P[:, -1, -1] += model.states.production_walk**2 * np.where(state.periods > 0, days, 0.0)  # else it is a context's level
     pass_time(state.x, state.P, state.bank.B, state.scale, days, model.noise)
     state.bank.add(state.number, np.where(state.number == 0, 1.0, days), state.use, state.age_days)
     state.number += 1
