@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from monitor.config.extras import absent
 from monitor.errors import BadInput, BusError, MonitorError, Unidentifiable
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify as _identify
@@ -121,7 +122,10 @@ def read(
     if isinstance(data, Recording):
         recording = data
     elif isinstance(data, str | Path):
-        recording = read_recording(data, columns, rate_hz)
+        try:
+            recording = read_recording(data, columns, rate_hz)
+        except ModuleNotFoundError as error:  # of an extra, such as that of ROS
+            raise BadInput(absent(str(error.name).partition(".")[0], f"{data}")) from None
     else:
         import pyarrow as pa
 

@@ -250,3 +250,11 @@ def test_the_notebook_runs():
     done = subprocess.run([sys.executable, "-c", "\n".join(cells)], cwd=ROOT, capture_output=True, text=True, timeout=110, check=False)
     assert done.returncode == 0, done.stderr
     assert "12 °C" in done.stdout
+
+
+def test_a_package_that_a_format_needs_and_is_absent_is_bad_input(tmp_path, monkeypatch):
+    bag = tmp_path / "drive.db3"
+    bag.write_bytes(b"SQLite format 3\0" + b"\0" * 100)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(jm.BadInput, match="needs the package rosbags, which is not installed here"):
+        jm.read(bag)

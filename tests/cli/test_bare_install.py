@@ -161,3 +161,13 @@ def test_what_is_imported_is_asked_for_and_what_only_an_extra_brings_is_known():
                 names = [node.module]
             modules |= {name.partition(".")[0] for name in names}
     assert modules & bare.absent() == OF_EXTRAS
+
+
+@pytest.mark.slow
+def test_a_bag_of_ros_names_the_package_that_it_needs(place):
+    """With what installs it; nothing is named that no index has."""
+    (place / "drive.db3").write_bytes(b"SQLite format 3\0" + b"\0" * 100)
+    by_command = ended(place, "identify", "drive.db3", "--robot", "ur5")
+    assert (by_command.returncode, "Traceback" in by_command.stderr) == (2, False)
+    assert "needs the package rosbags, which is not installed here. This installs it: " in by_command.stderr
+    assert "joint-monitor[" not in by_command.stderr

@@ -45,7 +45,8 @@ def read_bag(path: Path, columns: str | None, rate_hz: float | None) -> Producti
     """A recording from a bag, joints from the base on. columns, rate_hz : as `layout_of` takes them.
 
     Its columns are timestamp, actual_q_0 …, actual_qd_0 …, effort_0 …; effort is torque unless `columns` says otherwise. Raises BadInput
-    where the extra `ros` is absent, or the bag is damaged, holds none or several topics of JointState, or joints whose order is not known.
+    where the bag is damaged, holds none or several topics of JointState, or joints whose order is not known, and ModuleNotFoundError
+    where the extra `ros` is absent.
     """
     states = _states(path)
     order = from_the_base(states.names, str(path))
@@ -66,11 +67,9 @@ def read_bag(path: Path, columns: str | None, rate_hz: float | None) -> Producti
 
 def _states(path: Path) -> _States:
     """The joint states of a bag. Raises BadInput."""
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise BadInput(f"{path}: is a bag of ROS, which needs the extra ros: pip install 'joint-monitor[ros]'") from None
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             topics = sorted({connection.topic for connection in bag.connections if connection.msgtype == JOINT_STATE})
