@@ -32,8 +32,6 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
     layout, solution = problem.layout, found.solution
     sure = covariances(problem, found, free, causes)
     covariance = sure.noise
-    unknown = ~solution.excited
-    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     richer_law = found.law != PAPER  # a line needs no load
     loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations] if richer_law else []
     M, places = projection(problem, loads, found), layout.of_law(found.law)  # (B, X), (J, K)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.identify.fit.fit import Fit, FitProblem, mean_load, robust_inflation
+from monitor.identify.fit.fit import Fit, FitProblem, mean_load, robust_inflation, solved
 from monitor.identify.fit.jackknife import jackknife_covariances
 from monitor.identify.fit.least_squares import Factor, Rows, Solution, factors, residuals_of, solve, with_own
 from monitor.model.friction import residual_law
@@ -97,7 +97,7 @@ class Causes:
 class Covariances(NamedTuple):
     """Covariances (X, X) of the unknowns of a fit, and the friction that its causes leave."""
 
-    noise: Array  # how far the same motion scatters
+    noise: Array  # how far the same motion scatters; NaN for what the motion did not excite
     with_misfit: Array
     lasting: Array  # by the whole residual in blocks of seconds: what depends on place, load or the time since rest does not average out
     upright: Solution  # the fit beside its causes, as `Causes.beside` gives it
@@ -114,10 +114,14 @@ def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes)
     """
     every = causes.every
     upright, noise = causes.beside(REPEATABLE)
-    rows, residuals = [rec.thinned(every) for rec in found.rows], [left[::every] for left in found.residuals]
-    weights = np.sqrt(every) * found.weights
-    (alone, together), (_, lasting) = jackknife_covariances(rows, weights, found.solution, [noise, residuals])
+    rows = [rec.thinned(every) for rec in found.rows]
+    # the fit of these rows, not of all: where no other stretch replaces one, what differs would count a thousandfold
+    solution = solved(problem, found.law, factors(rows), found.weights, every)
+    residuals = residuals_of(rows, solution.values)
+    (alone, together), (_, lasting) = jackknife_covariances(rows, found.weights, solution, [noise, residuals])
     inflation = robust_inflation(found) ** 2
+    unknown = ~(found.solution.excited & solution.excited)
+    alone[unknown], alone[:, unknown] = np.nan, np.nan
     leaning, B = np.zeros(len(free.values)), len(problem.prior)
     leaning[:B] = np.where(problem.layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
     return Covariances(alone * inflation, together * inflation + np.outer(leaning, leaning), lasting * inflation, upright)

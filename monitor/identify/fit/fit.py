@@ -230,7 +230,7 @@ def refit(problem: FitProblem, paper: Fit, law: FrictionLaw) -> tuple[Solution, 
         columns = [eq.extra_columns(law, values, problem.layout) for eq in problem.equations]
         rows = with_own(paper.rows, columns)
         joints = factors(rows)
-        solution = _solved(problem, law, joints, weights)
+        solution = solved(problem, law, joints, weights)
         values, weights = solution.values[:B], _weights(joints, solution)  # scales and load settle together
     return solution, residuals_of(rows, solution.values)
 
@@ -269,11 +269,11 @@ def _richer(problem: FitProblem, law: FrictionLaw, paper: Fit, method: str, roun
 
 def _weighted(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], weights: Array, method: str) -> tuple[Array, Solution]:
     """The joints' weights (J,) and the solution: by `ls` with the weights given, else with the weights found in turn."""
-    solution = _solved(problem, law, joints, weights)
+    solution = solved(problem, law, joints, weights)
     if method != "ls":
         for _ in range(REWEIGHTINGS):
             weights = _weights(joints, solution)
-            solution = _solved(problem, law, joints, weights)
+            solution = solved(problem, law, joints, weights)
     return weights, solution
 
 
@@ -284,8 +284,8 @@ def _weights(joints: Sequence[Factor], solution: Solution) -> Array:
     return weights
 
 
-def _solved(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], weights: Array) -> Solution:
-    """The solution with the prior of the base parameters, and the prior that the law's terms carry."""
+def solved(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], weights: Array, every: int = 1) -> Solution:
+    """The solution with the prior of the base parameters, and the prior that the law's terms carry. joints : of one of `every` rows."""
     J, extras = len(joints), len(law.extra_terms)
     expected = np.append(problem.prior, np.zeros(J * extras))
     if all(math.isinf(term.expected_std) for term in law.terms):
@@ -293,7 +293,7 @@ def _solved(problem: FitProblem, law: FrictionLaw, joints: Sequence[Factor], wei
     both = [Factor(triangle(np.concatenate([weight * factor.R for weight, factor in zip(weights, joints, strict=True)])), 1)]
     free = solve(both, np.ones(1), expected)
     # residuals agree for half a second, so a prior weighs as much as the rows of that time
-    rate_hz = np.mean([eq.motion.rate_hz for eq in problem.equations])
+    rate_hz = np.mean([eq.motion.rate_hz for eq in problem.equations]) / every
     noise = weights * residual_rms(joints, free.values) * np.sqrt(CORRELATED_S * rate_hz)  # (J,)
     penalty = np.zeros(len(expected))
     for place, term in zip(problem.layout.of_law(law).T, law.terms, strict=True):  # (J,)
@@ -312,7 +312,7 @@ def _robust(problem: FitProblem, start: Fit) -> Fit:
         rows = [eq.rows(found.law, values, problem.layout, weight) for eq, weight in zip(problem.equations, robust_weights, strict=True)]
         joints = factors(rows)
         weights = 1.0 / scale
-        found = Fit(law=found.law, rows=rows, joints=joints, weights=weights, solution=_solved(problem, found.law, joints, weights))
+        found = Fit(law=found.law, rows=rows, joints=joints, weights=weights, solution=solved(problem, found.law, joints, weights))
         if np.all(np.abs(scale - before) <= ROBUST_SETTLED * scale):
             break
         before = scale
