@@ -21,7 +21,6 @@ from monitor.identify import diagnosis as fit
 from monitor.identify.diagnosis import Fitted
 from monitor.identify.gain_check import GAIN_DOUBTFUL
 from monitor.identify.mounting import MOUNTING_CONTRADICTION
-from monitor.identify.signals.arm import same_rows
 from monitor.identify.signals.motion import Motion
 from monitor.identify.signals.temperature import plausible_temperatures
 from monitor.identify.signals.units import DOUBTFUL, MOVING_RAD_S, Repaired, named
@@ -423,10 +422,10 @@ def temperature_drift(motion: Motion) -> Iterator[Reason]:
 
 def validated_on_fitted(files: HeldOut) -> Iterator[Reason]:
     """A held-out recording that was fitted too."""
+    fitted = {one.samples_digest: one.source for one in files.fitted} if files.held_out else {}
     for held in files.held_out:
-        for one in files.fitted:
-            if same_rows(held, one):
-                yield VALIDATED_ON_FITTED(source=held.source, fitted=one.source)
+        if (source := fitted.get(held.samples_digest)) is not None:
+            yield VALIDATED_ON_FITTED(source=held.source, fitted=source)
 
 
 def fitted_together(files: HeldOut) -> Iterator[Reason]:

@@ -105,6 +105,20 @@ def test_recordings_made_elsewhere_become_history_and_are_marked(tmp_path: Path,
     assert "the same" in printed("assess", "--from-store", "--config", str(config))
 
 
+def test_a_recording_that_the_history_holds_is_refused_under_another_date(tmp_path: Path, recordings: list[Recording]):  # noqa: F811
+    """In a later import, and as CSV beside the Parquet of then: it would count as a second measurement."""
+    config = tmp_path / "cell.toml"
+    config.write_text('[robot]\nmodel = "ur5"\nsite = "lab"\nid = "cell-1"\n[store]\ndirectory = "history"\n')
+    first = tmp_path / "day-1.parquet"
+    write_recording(first, replace(recordings[0], context=Context(robot="ur5", recorded_at_unix_s=1.0e9), source=""))
+    printed("import", "--config", str(config), str(first))
+    printed("export", "--config", str(config), "-o", str(tmp_path / "again.csv"), "--what", "recording", "--replay", "1")
+    (tmp_path / "days.csv").write_text("file,recorded_at\nagain.csv,2001-09-20\n")
+    with pytest.raises(BadInput, match=r"again.csv: is replay 1 of 2001-09-09T01:46:40Z once more, under another date"):
+        printed("import", "--config", str(config), "--manifest", str(tmp_path / "days.csv"))
+    assert "0 assessed, 0 rejected, 1 known already" in printed("import", "--config", str(config), str(first))
+
+
 def imported_names(config: Path, files: list[Path]) -> list[str | None]:
     """The names of the trajectories in the history, after each file was imported alone."""
     for file in files:

@@ -25,26 +25,13 @@ def refuse_other_arm(recording: Recording, robot: Robot) -> None:
         raise BadInput(f"{recording.source or 'recording'}: recorded on a {made_by}; the robot given is {robot.name}")
 
 
-def same_rows(one: Recording, other: Recording) -> bool:
-    """Whether two recordings are one, by their positions and what their drives measured, whenever their clocks begin."""
-    signals = ("q", "current", "torque")
-    alike = one.samples == other.samples and np.array_equal(one.q[:1], other.q[:1])  # two years of replays are compared in a second
-    return alike and all(np.array_equal(*_pair(one, other, name), equal_nan=True) for name in signals)
-
-
-def _pair(one: Recording, other: Recording, name: str) -> tuple[Array, Array]:
-    """One signal of both; nothing where a recording has none."""
-    nothing = np.zeros((0, 0))
-    first, second = (getattr(each, name) for each in (one, other))
-    return nothing if first is None else first, nothing if second is None else second
-
-
 def refuse_twice(recordings: Sequence[Recording]) -> None:
     """Raises BadInput where one recording is given twice: it would count as two independent measurements."""
-    for number, one in enumerate(recordings):
-        for other in recordings[:number]:
-            if same_rows(one, other):
-                raise BadInput(f"{one.source or 'recording'} is {other.source or 'recording'} once more: it says nothing new; give it once")
+    given: dict[str, Recording] = {}
+    for one in recordings:
+        first = given.setdefault(one.samples_digest, one)
+        if first is not one:
+            raise BadInput(f"{one.source or 'recording'} is {first.source or 'recording'} once more: it says nothing new; give it once")
 
 
 def at_motors(recording: Recording, robot: Robot) -> Recording:

@@ -62,6 +62,7 @@ class Verdict:
     """What follows from one recording, as it is stored and published; it travels between processes."""
 
     recorded_at_unix_s: float
+    samples_digest: str  # of the recording
     document: dict[str, Any]  # of the assessment
     friction: "tuple[JointFriction, ...]"
     temperature_c: Array | None  # (J,) of the joints during the replay
@@ -201,6 +202,7 @@ def assessed(recording: Recording, inputs: Inputs) -> "Assessment | Rejected":
 def _verdict(assessment: "Assessment", recording: Recording, inputs: Inputs) -> Verdict:
     return Verdict(
         recorded_at_unix_s=assessment.recorded_at_unix_s,
+        samples_digest=recording.samples_digest,
         document=assessment.as_document(),
         friction=assessment.friction,
         temperature_c=assessment.identification.temperature_c,
@@ -222,6 +224,7 @@ def enter(store: Store, configuration: Configuration, ledger_id: int, outcome: V
         ledger_id,
         at_unix_s=now(),
         recorded_at_unix_s=outcome.recorded_at_unix_s or now(),
+        samples_digest=outcome.samples_digest,
         assessment=outcome.document,
         friction=[plain(joint) for joint in outcome.friction],
         belief=outcome.belief.as_document(),

@@ -131,8 +131,8 @@ def import_recordings(
 
     Recordings that name no trajectory get a name by their motion, so that another motion has a baseline of its own.
 
-    Raises BadInput and changes nothing where a recording is not later than the last assessed one, is dated in the future, or was made
-    with another mounting than this arm's.
+    Raises BadInput and changes nothing where a recording is not later than the last assessed one, is dated in the future, was made with
+    another mounting than this arm's, or is in the history under another date.
     """
     robot, mounting = configuration.robot_description, configuration.mounting
     found = dated(Series(entries=entries, robot=robot, mounting=mounting, columns=columns, rate_hz=rate_hz))
@@ -145,6 +145,12 @@ def import_recordings(
         if not 0.0 <= at <= time.time() + AHEAD_S:
             when = rfc3339(at) if abs(at) < LONGEST_S else f"{at:g} s after 1970"
             raise BadInput(f"{recording.source}: was made at {when}; expected a time between 1970 and now")
+        known_as = store.assessments.replay_of(recording.samples_digest)
+        if known_as is not None and known_as.recorded_at_unix_s != at:
+            raise BadInput(
+                f"{recording.source}: is replay {known_as.ledger_id} of {rfc3339(known_as.recorded_at_unix_s)} once more, under another "
+                "date: it says nothing new; leave it out"
+            )
         if last is not None and at <= last and at not in store.ledger.windows(at, at):
             raise BadInput(
                 f"{recording.source}: was made at {rfc3339(at)}, before the last replay that was learnt from ({rfc3339(last)}); recordings "

@@ -11,13 +11,14 @@ import orjson
 
 from monitor.errors import StoreError
 from monitor.reason import Sentence
-from monitor.store.history.database import Database, Document, State, json_text, packed, reason_column
+from monitor.store.history.database import Database, Document, State, json_text, packed, reason_column, set_note
 from monitor.store.history.events import AlertEvent, insert_events
 from monitor.store.history.maintenance import insert_maintenance
 
 CHECKPOINT_EVERY = (
     30  # assessments between two checkpoints, where a recomputation may begin; 5 years have 240 checkpoints at four replays a day
 )
+SAMPLES = "samples "  # a note's name begins so; its value is the replay
 
 DATED_IN_FUTURE = Sentence("dated_in_future", "dated in the future by a clock that was wrong")
 
@@ -73,6 +74,7 @@ class Assessments:
         *,
         at_unix_s: float,
         recorded_at_unix_s: float,
+        samples_digest: str | None = None,
         assessment: Mapping[str, Any],
         friction: Sequence[Mapping[str, Any]],
         belief: Mapping[str, Any],
@@ -84,6 +86,7 @@ class Assessments:
     ) -> list[AlertEvent]:
         """Store one assessment with everything that follows from it, and its provenance, in one transaction.
 
+        samples_digest : of the recording, by which `replay_of` knows it.
         Returns the events with their numbers. Raises StoreError where the replay does not wait for an assessment, or the disk refuses.
         """
         with self._db.transaction() as db:
@@ -105,6 +108,8 @@ class Assessments:
             ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
             if revision % CHECKPOINT_EVERY == 1:
                 db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, packed(belief), packed(health)))
+            if samples_digest is not None:
+                set_note(db, SAMPLES + samples_digest, str(ledger_id))
             insert_maintenance(db, ledger_id, maintenance)
             return insert_events(db, ledger_id, at_unix_s, events)
 
@@ -133,6 +138,15 @@ class Assessments:
             "ORDER BY recorded_at_unix_s, ledger_id"
         )
         return [JudgedReplay(*row) for row in rows]
+
+    def replay_of(self, samples_digest: str) -> JudgedReplay | None:
+        """The assessment of a recording with these samples; None where there is none, or its samples were not noted."""
+        rows = self._db.rows(
+            "SELECT ledger_id, recorded_at_unix_s, ended_at_unix_s, made_with FROM note "
+            "JOIN assessment ON ledger_id = CAST(value AS INTEGER) JOIN ledger ON id = ledger_id WHERE key = ?",
+            (SAMPLES + samples_digest,),
+        )
+        return JudgedReplay(*rows[0]) if rows else None
 
     def document(self, ledger_id: int) -> Document:
         """What was said of one replay."""
