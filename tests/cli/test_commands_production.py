@@ -76,6 +76,18 @@ def test_the_last_replay_of_a_history_stands_for_the_replay(arm_and_production, 
         asked(production, history=tmp_path)
 
 
+def test_rows_that_are_written_again_are_told_beside_the_rate_of_the_file(arm_and_production, tmp_path):
+    """A log at twice the rate of its signals: no time is lost, and half of its rows are no readings."""
+    replay, production = arm_and_production
+    recording = read_recording(production)
+    twice = {name: np.repeat(signal, 2, axis=0) for name, signal in recording.signals.items()}
+    twice["t_s"] = np.linspace(recording.t_s[0], recording.t_s[-1], 2 * recording.samples)
+    write_recording(tmp_path / "held.parquet", replace(recording, **twice))
+    (told,) = [warning for warning in asked(tmp_path / "held.parquet", rigid=replay)["warnings"] if warning["code"] == "rejected_rows"]
+    assert told["parameters"]["why"] == [f"{recording.samples} held"]
+    assert "rejected_rows" not in {warning["code"] for warning in asked(production, rigid=replay)["warnings"]}
+
+
 def test_what_does_not_belong_together_is_refused(arm_and_production, tmp_path):
     """Each with what would be right."""
     (replay, production), arm = arm_and_production, load_robot("ur5")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput, Unidentifiable
-from monitor.identify.detectors import CURRENT_IS_TARGET, of_simulator, warnings_of
+from monitor.identify.detectors import CURRENT_IS_TARGET, REJECTED_ROWS, of_simulator, warnings_of
 from monitor.identify.document import identification_from_document
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
@@ -21,6 +21,7 @@ from monitor.identify.production.information import ProductionInformation
 from monitor.identify.quality import not_of_the_arm
 from monitor.identify.settings import ProductionSettings
 from monitor.identify.signals.arm import refuse_other_arm, refuse_twice
+from monitor.identify.signals.rows import HARMLESS, sound_rows
 from monitor.identify.signals.units import in_si
 from monitor.model.robot import Mounting, Robot
 from monitor.reason import Sentence
@@ -78,6 +79,11 @@ def listen_to_files(
         in_units = in_si(production.recording)
         warnings += [warning.document() for warning in warnings_of(in_units)]
         repaired = in_units.recording
+        repeated = {reason: count for reason, count in sound_rows(repaired).why.items() if reason in HARMLESS}  # no time is lost by them
+        if repeated:
+            why = [f"{count} {reason}" for reason, count in repeated.items()]
+            rejected = sum(repeated.values())
+            warnings.append(REJECTED_ROWS(source=name, rejected=rejected, recorded=repaired.samples, why=why).document())
         _refuse_other_columns(replace(production, recording=repaired), arm)
         if repaired.context.recorded_at_unix_s is None and known_times:
             repaired = replace(repaired, context=replace(repaired.context, recorded_at_unix_s=known_times[0]))
