@@ -40,7 +40,7 @@ def quality_problem(quality: Mapping[str, Any], samples: int, settings: QualityS
 
 
 def not_of_the_arm(identification: Identification) -> Reason | None:
-    """Why the recordings are not what they were given as, whatever the arm does: other columns, signs, units, no reading.
+    """Why the recordings are not what they were given as, whatever the arm does: other columns, signs, units.
 
     None where they may be. Gain, offset and mounting are the arm's own matter: a drive may have been changed, an arm mounted anew.
     """
@@ -51,6 +51,10 @@ def not_of_the_arm(identification: Identification) -> Reason | None:
             return warning
         if warning.code == GAIN_DOUBTFUL.code and isinstance(why, Reason) and why.code == UNIT_SIZE.code:
             return why
-        if warning.code == CURRENT_STUCK.code and warning.parameters["share"] == 1.0:
-            return warning
     return None
+
+
+def silent_drive(identification: Identification) -> Reason | None:
+    """The first drive that says nothing in a whole recording: friction of its joint is unknown, and what the other joints say is sound."""
+    stuck = (warning for warning in identification.warnings if warning.code == CURRENT_STUCK.code)
+    return next((warning for warning in stuck if warning.parameters["share"] == 1.0), None)

@@ -17,7 +17,7 @@ from monitor.identify.gains import Gains, payload_gains
 from monitor.identify.identification import Identification
 from monitor.identify.identify import identify
 from monitor.identify.payload import identify_payload
-from monitor.identify.quality import not_of_the_arm
+from monitor.identify.quality import not_of_the_arm, silent_drive
 from monitor.identify.validate import Validation, validate
 from monitor.model.robot import Mounting, Robot, load_robot, robot_from_document
 from monitor.reason import Reason
@@ -162,10 +162,10 @@ def _held_out(recording: Recording, validation: Validation, found: Identificatio
     if not told:
         return []
     try:
-        why = not_of_the_arm(identify([recording], robot, found.mounting, gains=gains))
+        alone = identify([recording], robot, found.mounting, gains=gains)
     except Unidentifiable:  # too little motion to say
         return told
-    return warnings_of(predicted._replace(why=why))
+    return warnings_of(predicted._replace(why=not_of_the_arm(alone) or silent_drive(alone)))
 
 
 def check_export(path: Path, method: str) -> None:

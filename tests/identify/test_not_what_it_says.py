@@ -1,6 +1,7 @@
 """Recordings that are not what they say: friction comes out right all the same, or the true cause is named first or second."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,13 +9,17 @@ from faults import DRIVES, faults, permuted
 from oracle_arm import GROUND
 from own_physics import UR5, late, productioned_arm, with_current
 
+from monitor.config.files import find_excitation
 from monitor.errors import BadInput, Unidentifiable
 from monitor.identify.identify import identify
-from monitor.identify.quality import not_of_the_arm
+from monitor.identify.quality import not_of_the_arm, silent_drive
 from monitor.judge.assess import Rejected, assess
 from monitor.model.robot import Mounting, load_robot
 from monitor.reason import Reason
 from monitor.recording import Context
+from monitor.simulate.controller.controller import Controller
+from monitor.simulate.settings import SimulateSettings
+from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import read_recording
 from monitor.store.from_files.production_files import ListenRequest, listen_to_files
 
@@ -142,7 +147,8 @@ def test_a_drive_that_says_nothing_leaves_the_other_joints_their_friction():
     assert np.isnan(friction[2])
     np.testing.assert_allclose(np.delete(friction, 2), np.delete(sound, 2), rtol=RIGHT)
     assert "mounting_contradiction" not in {warning.code for warning in found.warnings}
-    assert not_of_the_arm(found).code == "current_stuck"
+    assert not_of_the_arm(found) is None
+    assert silent_drive(found).parameters["joint"] == 3
 
 
 def test_late_currents_are_late_and_nothing_else():
@@ -151,7 +157,7 @@ def test_late_currents_are_late_and_nothing_else():
     assert "likely_cause" not in {warning.code for warning in found.warnings}
 
 
-@pytest.mark.parametrize("name", ["exchanged_joints 1 3", "N·m for A", "zero drive 3", "sign of current 2"])
+@pytest.mark.parametrize("name", ["exchanged_joints 1 3", "N·m for A", "sign of current 2"])
 def test_a_replay_that_is_not_of_the_arm_is_rejected_with_its_cause(name):
     """No verdict is made of it: neither a payload nor wear."""
     dated = replace(HEALTHY, context=Context(robot="ur5", recorded_at_unix_s=1e9))
@@ -159,6 +165,30 @@ def test_a_replay_that_is_not_of_the_arm_is_rejected_with_its_cause(name):
     assert isinstance(outcome, Rejected)
     assert named(FAULTS[name], [outcome.reason]), outcome.reason.text
     assert not isinstance(assess(dated, robot=UR5, mounting=GROUND, belief=None, health=None), Rejected)
+
+
+def test_a_replay_with_a_silent_drive_teaches_what_the_other_joints_say():
+    """The joint of that drive is unseen, with its cause, and keeps what is known of it; the model's error is not that of a silence."""
+    controller, excitation = (
+        Controller(SimulateSettings(robot="ur5", seed=5)),
+        replace(find_excitation("ur5-ground", Path()), repetitions=1),
+    )
+    before, after = (
+        replace(recorded, context=replace(recorded.context, recorded_at_unix_s=at))
+        for recorded, at in ((stepped_replay(controller, excitation), 1e9), (stepped_replay(controller, excitation), 1e9 + 86400.0))
+    )
+    first = assess(before, robot=UR5, mounting=GROUND, belief=None, health=None)
+    known = {"belief": first.belief, "health": first.health, "model": first.model}
+    silent = FAULTS["zero drive 3"].of(after)
+    outcome, sound = (assess(recording, robot=UR5, mounting=GROUND, **known) for recording in (silent, after))
+    assert {"current_stuck", "joint_unseen"} <= {warning.code for warning in outcome.warnings}
+    assert [joint.state for joint in outcome.health.joints] == [*2 * ["NORMAL"], "CHECK_FUNCTION", *3 * ["NORMAL"]]
+    for j, (ours, theirs) in enumerate(zip(outcome.friction, sound.friction, strict=True)):
+        assert ours.wear == pytest.approx(theirs.wear, abs=1e-3)
+        assert ours.coulomb_nm == (None if j == 2 else pytest.approx(theirs.coulomb_nm, rel=0.01))
+    error, of_sound = (each.belief.prediction_error for each in (outcome, sound))
+    assert error.replays.tolist() == [1, 1, 0, 1, 1, 1]
+    np.testing.assert_allclose(error.error_nm2[[0, 1, 3, 4, 5]], of_sound.error_nm2[[0, 1, 3, 4, 5]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["exchanged_currents 5 6", "zero drive 3"])

@@ -20,5 +20,5 @@ def measure_prediction_error(recording: Recording, model: CompensatedModel, robo
         return None
     predicted = predictor_for(model, robot).torque(recording.q, qd, qdd, temperature_c)
     gain = robot.drive_gain_nm_per_a if gains is None else gains
-    usable = (np.abs(qd) > MOVING_RAD_S) & ~predicted.extrapolated  # (N, J)
+    usable = (np.abs(qd) > MOVING_RAD_S) & ~predicted.extrapolated & (np.ptp(current, axis=0) > 0.0)  # (N, J); a silent drive is none
     return measure(recording.t_s, qd, np.where(usable, current * gain - predicted.torque, np.nan))

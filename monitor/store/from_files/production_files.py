@@ -18,7 +18,7 @@ from monitor.identify.production.cut import CAUSES
 from monitor.identify.production.estimate import ProductionEstimate, estimate
 from monitor.identify.production.gather import WINDOW_S, gather, initial
 from monitor.identify.production.information import ProductionInformation
-from monitor.identify.quality import not_of_the_arm
+from monitor.identify.quality import not_of_the_arm, silent_drive
 from monitor.identify.settings import ProductionSettings
 from monitor.identify.signals.arm import refuse_other_arm, refuse_twice
 from monitor.identify.signals.rows import HARMLESS, sound_rows
@@ -111,7 +111,7 @@ def _refuse_other_columns(production: ProductionRows, arm: ProductionArm) -> Non
             found = identify([window.recording], arm.robot, arm.mounting, gains=arm.gains)
         except Unidentifiable:
             continue
-        if (other := not_of_the_arm(found)) is not None:
+        if (other := not_of_the_arm(found) or silent_drive(found)) is not None:
             name = f"{production.recording.source}: "
             raise BadInput(f"{name}{other.text.removeprefix(name)}; expected the columns and units of the replay, every joint measured")
         return
