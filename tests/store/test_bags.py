@@ -1,8 +1,11 @@
 """Bags of ROS as recordings: rosbag2 in both storages, ROS 1, joints in any order, and what is refused."""
 
+import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from monitor.errors import BadInput
@@ -85,6 +88,36 @@ def test_a_bag_of_ros_1_is_read(tmp_path):
             message = state(header(k, stamp(100, 8_000_000 * k), ""), [f"{name}_joint" for name in UR_JOINTS], Q[k], QD[k], EFFORT[k])
             writer.write(connection, 10**11 + 8_000_000 * k, store.serialize_ros1(message, state.__msgtype__))
     np.testing.assert_array_equal(read_recording(tmp_path / "a.bag").q, Q)
+
+
+@pytest.mark.parametrize("packed", ["zstd", "lz4"])
+def test_a_chunk_that_unpacks_to_much_more_than_its_file_is_refused_in_little_memory(tmp_path, packed):
+    """A gigabyte of zeros in 100 kB or 4 MB, whatever the chunk says of its size; as an honest chunk it is read."""
+    (file,) = bag(tmp_path, "mcap").glob("*.mcap")
+    content = file.read_bytes()
+    records = list(records_of(content))
+    begin = next(at for at, kind, _ in records if kind in {5, 6})  # message or chunk
+    sink = pa.BufferOutputStream()
+    with pa.CompressedOutputStream(sink, packed) as stream:
+        for _ in range(1000):
+            stream.write(bytes(1_000_000))
+    inside = bytes(sink.getvalue())
+    chunk = struct.pack("<QQQII", 0, 0, 10**9, 0, len(packed)) + packed.encode() + struct.pack("<Q", len(inside)) + inside
+    (tmp_path / "bomb.mcap").write_bytes(content[:begin] + struct.pack("<BQ", 6, len(chunk)) + chunk + content[begin:])
+    tracemalloc.start()
+    with pytest.raises(BadInput, match="unpacks to more than 32 times its"):
+        read_recording(tmp_path / "bomb.mcap")
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+
+
+def records_of(content: bytes):
+    """Place, kind and length of each record of an .mcap."""
+    at = 8
+    while at + 9 <= len(content) - 8:
+        kind, length = struct.unpack_from("<BQ", content, at)
+        yield at, kind, length
+        at += 9 + length
 
 
 @pytest.mark.parametrize("storage", STORAGES)

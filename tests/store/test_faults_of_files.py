@@ -205,6 +205,21 @@ def held(times: int, jitter_s: float = 0.0) -> Callable[[pd.DataFrame], pd.DataF
     return make
 
 
+def clock_of_the_day(begin: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """Times as text, such as 08:53:23.125."""
+
+    def make(table: pd.DataFrame) -> pd.DataFrame:
+        at = pd.Timestamp(f"2026-11-23 {begin}") + pd.to_timedelta(table["timestamp"] - table["timestamp"][0], unit="s")
+        return table.assign(timestamp=at.dt.strftime("%H:%M:%S.%f"))
+
+    return make
+
+
+def in_blocks(rows: int) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    """Blocks of so many rows, the newest block first."""
+    return lambda table: pd.concat([table.iloc[first : first + rows] for first in range(0, len(table), rows)][::-1], ignore_index=True)
+
+
 def sparse(table: pd.DataFrame) -> pd.DataFrame:
     """Speeds in every second row."""
     return table.where(np.array([["_qd_" not in name for name in table]]) | (np.arange(len(table))[:, None] % 2 == 0))
@@ -217,9 +232,16 @@ FAULTS: dict[str, Expected] = {
     "microseconds, no speeds": Expected(lambda t: without_speeds(scaled_time(1e6)(t)), "unit_repaired"),
     "days of a spreadsheet": Expected(scaled_time(1.0 / 86400.0, 45000.0), "unit_repaired"),
     "days of a spreadsheet, no speeds": Expected(lambda t: without_speeds(scaled_time(1.0 / 86400.0, 45000.0)(t)), "unit_repaired"),
+    "minutes": Expected(scaled_time(1.0 / 60.0), "unit_repaired"),
+    "minutes, no speeds": Expected(lambda t: without_speeds(scaled_time(1.0 / 60.0)(t)), "unit_repaired"),
+    "hours, no speeds": Expected(lambda t: without_speeds(scaled_time(1.0 / 3600.0)(t)), "unit_repaired"),
+    "clock of the day": Expected(clock_of_the_day("08:53:23")),
+    "clock of the day, past midnight": Expected(clock_of_the_day("23:59:55"), "clock_jump"),
     "units of 100 ns": Expected(scaled_time(1e7, 1.3e17), "unit_repaired"),
     "newest first": Expected(lambda t: t.iloc[::-1], "rows_sorted"),
     "newest first, whole seconds": Expected(lambda t: t.assign(timestamp=np.floor(t["timestamp"])).iloc[::-1], "rows_sorted"),
+    "blocks of 100 rows, newest first": Expected(in_blocks(100), "rows_sorted"),
+    "halves exchanged": Expected(lambda t: in_blocks(len(t) // 2 + 1)(t), "rows_sorted"),
     "times late by up to two ticks": Expected(
         lambda t: t.assign(timestamp=(t["timestamp"] + 0.016 * np.random.default_rng(7).random(len(t))).round(4)), "clock_of_arrivals"
     ),

@@ -25,6 +25,7 @@ RESOLVED = 5.0  # steps: slower, a speed is that of its rounding
 MOVING_RAD_S = 0.02  # a joint whose 90 % quantile of speed is lower does not move enough for a comparison
 
 DEGREES = 180.0 / math.pi
+MINUTE_S = 60.0
 ALIKE = 0.15  # relative distance at which a ratio counts as that of a unit; noise and differences change a ratio by a few per cent
 CONTRADICTION = 1.2  # a ratio farther than this factor from 1 and from every unit: the speeds belong to other positions
 SUSPICIOUS = (
@@ -35,7 +36,11 @@ BEYOND_RAD_S = 7.0  # the fastest joint of any UR turns at 2π
 WELL_SAMPLED_HZ = 10.0  # at a lower rate, differences of positions are no speeds
 SURE_STD = 5.0  # standard deviations of a ratio that are allowed before it counts as suspicious or wrong
 
-UNITS_OF_TIME = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9, "units of 100 ns": 1e7, "days": 1.0 / DAY_S}  # in a second
+UNITS_OF_TIME = {  # in a second
+    "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9, "units of 100 ns": 1e7,
+    "days": 1.0 / DAY_S, "hours": 1.0 / 3600.0, "minutes": 1.0 / MINUTE_S,
+}  # fmt: skip
+MINUTE_OR_DEGREES = math.sqrt(MINUTE_S * DEGREES)  # a ratio below it is one of degrees
 LOGGED_HZ = 10.0, 2000.0  # rates at which arms are logged
 NO_RATE_HZ = 2e4  # at which no arm is logged
 
@@ -165,6 +170,8 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
     found = _ratio(seen)
     if found is not None:
         for unit, per_second in UNITS_OF_TIME.items():
+            if unit == "minutes" and (found.value < MINUTE_OR_DEGREES or _in_degrees(q, BEYOND_RAD)):
+                continue
             if _near(found.value * per_second, 1.0) and (tick * WELL_SAMPLED_HZ > 1.0) == (per_second > 1.0):
                 put_right("t_s", 1.0 / per_second, f"time is in {unit}")
                 tick, found = tick / per_second, found._replace(value=found.value * per_second)
@@ -211,11 +218,13 @@ def _unit_of_time(q: Array, tick: float) -> str | None:
 
     tick : of the rows, in the unit of the file; 1 may be a count. For recordings without speeds, which would tell the unit.
     """
-    if not tick > 0.0 or tick == 1.0 or LOGGED_HZ[0] <= 1.0 / tick <= NO_RATE_HZ:
+    if not tick > 0.0 or tick == 1.0 or LOGGED_HZ[0] <= 1.0 / tick <= LOGGED_HZ[1]:
         return None
     fastest = BEYOND_RAD_S * (DEGREES if _in_degrees(q, BEYOND_RAD) else 1.0)
     with np.errstate(invalid="ignore"):
         change = np.nanquantile(np.abs(np.diff(q, axis=0)), 0.9, axis=0)  # (J,) a tenth may be torn
+    if LOGGED_HZ[0] <= 1.0 / tick <= NO_RATE_HZ and np.all(change / tick < fastest):
+        return None
     for unit, per_second in UNITS_OF_TIME.items():
         if LOGGED_HZ[0] <= per_second / tick <= LOGGED_HZ[1] and np.all(change / tick * per_second < fastest):
             return unit

@@ -1,6 +1,7 @@
 """Recordings as bags of ROS: rosbag2 (.db3, .mcap, or their folder) and ROS 1 (.bag), messages of sensor_msgs/JointState. I/O."""
 
 import re
+import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,9 +14,13 @@ from monitor.identify.production.arm import ProductionRows
 from monitor.reason import Sentence
 from monitor.recording import Array
 from monitor.store.formats.columns import layout_of_table, recorded
-from monitor.store.formats.others import refuse_unpacked
+from monitor.store.formats.others import refuse_much, refuse_unpacked
 
-BAGS = {b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap", b"#ROSBAG V2.0": ".bag"}  # how a bag begins → how its name must end
+MCAP = b"\x89MCAP0\r\n"
+CHUNK = 6  # the number of its kind of record; 0 is of none
+CHUNK_NAME = 28  # bytes of a chunk's record before the name of its compression
+_RECORD = struct.Struct("<BQ")  # its kind, and its length
+BAGS = {b"SQLite format 3\0": ".db3", MCAP: ".mcap", b"#ROSBAG V2.0": ".bag"}  # how a bag begins → how its name must end
 JOINT_STATE = "sensor_msgs/msg/JointState"
 UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")  # from the base on, as ROS names them
 _NUMBER = re.compile(r"\d+")
@@ -71,6 +76,8 @@ def _states(path: Path) -> _States:
     from rosbags.typesys import Stores, get_typestore
 
     try:
+        for file in path.glob("*.mcap") if path.is_dir() else [path]:
+            refuse_much(_packed_chunks(file), file.stat().st_size, str(path))
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             topics = sorted({connection.topic for connection in bag.connections if connection.msgtype == JOINT_STATE})
             if len(topics) != 1:
@@ -97,6 +104,21 @@ def _states(path: Path) -> _States:
             none = np.full(len(names), np.nan)
             signals[signal] = np.array([value if there else none for value, there in zip(values, whole, strict=True)], dtype=float)
     return _States(names, np.array([row[1] for row in rows]), np.array([row[2] for row in rows]), signals)
+
+
+def _packed_chunks(path: Path) -> Iterator[tuple[str, bytes]]:
+    """How each chunk of an .mcap is packed, and its content; none of other files and of chunks as they are. mcap.dev/spec."""
+    with path.open("rb") as file:
+        kind, length = CHUNK if file.read(len(MCAP)) == MCAP else 0, 0
+        while kind:
+            file.seek(length, 1)
+            kind, length = _RECORD.unpack(head) if len(head := file.read(_RECORD.size)) == _RECORD.size else (0, 0)
+            if kind == CHUNK:
+                record = file.read(length)
+                (name,) = struct.unpack_from("<I", record, CHUNK_NAME)
+                begin, length = CHUNK_NAME + 4 + name, 0
+                if name:
+                    yield record[CHUNK_NAME + 4 : begin].decode(), record[begin + 8 :]
 
 
 def _messages(bag: Any, connections: Sequence[Any]) -> Iterator[tuple[tuple[str, ...], float, float, Array, Array, Array]]:

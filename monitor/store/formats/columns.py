@@ -42,6 +42,7 @@ NAMES_NOT_READ = Sentence(
     "--columns {wanted}={example}",
 )
 DISORDER = 0.1  # of the steps go back in time: the rows are in no order, or in the opposite one
+ADJACENT = 3.0  # ticks between blocks of rows
 FEWEST_STEPS = 20  # with fewer, a torn time is a large share
 ROWS_SORTED = Sentence(
     "rows_sorted", "{source}: {share:.0%} of the rows are older than the row before them (newest first, or no order); sorted by time"
@@ -100,7 +101,7 @@ def _in_order(rows: ProductionRows) -> ProductionRows:
     recording = rows.recording
     step = np.diff(recording.t_s[np.isfinite(recording.t_s)])
     back, ahead = np.count_nonzero(step < 0.0), np.count_nonzero(step > 0.0)
-    if back + ahead < FEWEST_STEPS or not back > DISORDER * (back + ahead):
+    if back + ahead < FEWEST_STEPS or not (back > DISORDER * (back + ahead) or _in_blocks(recording.t_s)):
         return rows
     # newest first: rows that have one time stand in the reverse order too
     order = np.arange(recording.samples)[::-1] if back > ahead else np.arange(recording.samples)
@@ -111,6 +112,17 @@ def _in_order(rows: ProductionRows) -> ProductionRows:
     sorted_rows = rows.part(order)
     told = (*recording.told, ROWS_SORTED(source=recording.source or "recording", share=back / (back + ahead)))
     return replace(sorted_rows, recording=replace(sorted_rows.recording, context=recording.context, told=told))
+
+
+def _in_blocks(t_s: Array) -> bool:
+    """Whether rows stand in blocks that continue each other in another order, as where a log is exported page by page, newest first.
+
+    Times of a clock that was set do not continue each other.
+    """
+    place = np.argsort(t_s, kind="stable")
+    joins, step = np.flatnonzero(np.diff(place) != 1), np.diff(t_s[place])
+    moved = np.median(np.abs(place - np.arange(len(place)))) >= FEWEST_STEPS
+    return bool(moved and len(joins) and np.nanmedian(step[joins]) < ADJACENT * np.nanmedian(step))
 
 
 def column_names() -> dict[str, str]:

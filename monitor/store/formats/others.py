@@ -5,6 +5,7 @@ import gzip
 import io
 import lzma
 import zlib
+from collections.abc import Iterable
 from typing import Any
 
 from monitor.errors import BadInput
@@ -12,6 +13,7 @@ from monitor.errors import BadInput
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"(\xb5/\xfd")  # gzip, bzip2, xz, zstd
 # of the bytes of a file: recordings of real arms unpack to 15 times, and what is more is no recording, or a bomb
 MOST_UNPACKED = 32.0
+PIECE_BYTES = 1_000_000  # that are unpacked at once to see how many there are
 LEAST_BYTES = 8e6  # that are unpacked however small the file is
 
 # how a file begins → what it is, and the command that converts it
@@ -51,6 +53,21 @@ def _opened(content: bytes) -> Any:
     import pyarrow as pa
 
     return pa.input_stream(pa.BufferReader(content), compression="zstd")
+
+
+def refuse_much(packed: Iterable[tuple[str, bytes]], size: int, where: str) -> None:
+    """Raises BadInput where the parts of a file of `size` bytes hold more than a recording can, or are damaged.
+
+    packed : of each part zstd or lz4, and what is packed so. It is unpacked piece by piece, and none is kept.
+    """
+    import pyarrow as pa
+
+    unpacked_size = 0
+    for kind, content in packed:
+        stream = pa.input_stream(pa.BufferReader(content), compression=kind)
+        while piece := len(stream.read(PIECE_BYTES)):
+            unpacked_size += piece
+            refuse_unpacked(unpacked_size, size, where)
 
 
 def refuse_unpacked(size: float, packed: float, where: str) -> None:

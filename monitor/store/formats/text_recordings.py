@@ -18,6 +18,7 @@ from monitor.store.formats.columns import Layout, layout_of, recorded
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
 _QUOTED = re.compile(r'"[^"]*"')
+_CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:[.,]\d*)?)")  # of a day, or since the beginning
 _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 
 
@@ -112,7 +113,7 @@ def number(text: str) -> float:
 
 
 def time_of(text: str) -> float:
-    """A field as a time [s]: a number, or a date and time as databases and spreadsheets export it, `2026-11-23T06:04:15.250Z`.
+    """A field as a time [s]: a number, a date and time as databases and spreadsheets write it, `2026-11-23T06:04:15.250Z`, or 08:53:23.5.
 
     Without a zone it counts as UTC: only differences matter. NaN where it is none.
     """
@@ -121,6 +122,7 @@ def time_of(text: str) -> float:
         try:
             at = datetime.fromisoformat(text)
         except ValueError:
-            return float("nan")
+            clock = _CLOCK.fullmatch(text)
+            return float("nan") if clock is None else 3600.0 * float(clock[1] or 0) + 60.0 * float(clock[2]) + number(clock[3])
         return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()
     return seconds
