@@ -75,7 +75,7 @@ HARDLY_MOVES = Sentence(
 )
 ONE_DIRECTION = Sentence(
     "one_direction",
-    "joint {joint} moves one way only: friction cannot be told from weight and from an offset of the drive, and is not quoted",
+    "joint {joint} moves one way only: its Coulomb friction cannot be told from weight and from an offset of the drive; fv alone is quoted",
 )
 OUTLIERS = Sentence("outliers", "joint {joint}: {share:.1%} of the samples do not fit the rest and had next to no weight")
 FEW_SAMPLES = Sentence("few_samples", "{samples} samples for {parameters} parameters; {enough} or more are better")
@@ -304,7 +304,7 @@ def poorly_excited(fitted: Fitted) -> Iterator[Reason]:
 def negative_friction(fitted: Fitted) -> Iterator[Reason]:
     """Friction that would drive a joint."""
     for j, (fc, fv) in enumerate(fitted.friction):
-        if (fc < 0.0 or fv < 0.0) and fitted.other is None:
+        if np.minimum(fc, fv) < 0.0 and fitted.other is None:
             yield UNPHYSICAL_FRICTION(joint=j + 1, fc_nm=fc, fv_nm_s_per_rad=fv)
 
 

@@ -42,9 +42,12 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
         values[layout.rigid] = rigid_from.values[layout.rigid]
         rigid = np.ix_(layout.rigid, layout.rigid)
         base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
-    known = np.all(solution.excited[places], axis=1) & problem.both_ways  # (J,)
+    excited, both = np.all(solution.excited[places], axis=1), problem.both_ways  # (J,)
+    told = np.stack(
+        [excited & both, excited], axis=1
+    )  # (J, 2) fc and fv: an offset of the drive passes for fc of a joint that turns one way
     pair = layout.friction[:, :, None], layout.friction[:, None, :]
-    coulomb, viscous = np.where(known[:, None], values[layout.friction], np.nan).T  # (J,), (J,)
+    coulomb, viscous = np.where(told, values[layout.friction], np.nan).T  # (J,), (J,)
     speeds = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
     off = law_doubt(problem, sure.upright, values[layout.friction], QUOTED_SPEEDS_RAD_S)  # (J,) [N·m]
     another = np.array([off_nm**2 * np.diag([1.0, 1.0 / max(speed, 0.1) ** 2]) for off_nm, speed in zip(off, speeds, strict=True)])
@@ -52,7 +55,7 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
     if richer_law:
         richer = FrictionFit(
             law=found.law,
-            values=solution.values[places],
+            values=np.where(both[:, None], solution.values[places], np.nan),
             covariance=covariance[places[:, :, None], places[:, None, :]],
             load_nm=mean_load(problem, loads),
         )
@@ -64,7 +67,7 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
         friction_cov=base_covariance[pair],
         friction=richer,
         total_covariance=total,
-        misfit_cov=np.where(known[:, None, None], positive(misfit[pair]) + another, np.nan),
+        misfit_cov=np.where(told[:, :, None] & told[:, None], positive(misfit[pair]) + another, np.nan),
         paper_d=np.linalg.norm((M @ solution.directions), axis=1),
     )
 

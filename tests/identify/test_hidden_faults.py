@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from faults import DRIVES, permuted
-from oracle_arm import GROUND, friction, recording, rigid_torque, truth
+from oracle_arm import GROUND, VISCOUS, friction, recording, rigid_torque, truth
 from own_physics import UR5, late, productioned_arm
 
 from monitor.errors import BadInput, Unidentifiable
@@ -42,11 +42,17 @@ def one_way(offset_nm):
     return Recording(t_s=t_s, q=q, qd=qd, torque=torque, source="forward")
 
 
-def test_friction_of_a_joint_that_turns_one_way_is_not_quoted():
-    """An offset of its drive would be friction in full; every joint is told, and none has a figure."""
-    found = identify([one_way(1.0)], UR5, GROUND)
+@pytest.mark.parametrize("law", ["paper", "concave"])
+def test_of_a_joint_that_turns_one_way_viscous_friction_alone_is_quoted(law):
+    """An offset of its drive would be Coulomb friction in full; every joint is told. What changes with speed is no offset."""
+    found = identify([one_way(1.0)], UR5, GROUND, friction=law)
     assert codes(found).count("one_direction") == 6
+    assert np.isnan(found.coulomb_nm).all()
     assert np.isnan(found.friction_at(0.4)[0]).all()
+    assert np.isnan(found.line_at(0.4)[0]).all()
+    std = np.sqrt(found.friction_cov[:, 1, 1] + found.misfit_cov[:, 1, 1])
+    assert np.all(np.abs(found.viscous_nm_s_per_rad - VISCOUS) < 2.5 * std)
+    assert np.all(std < VISCOUS)
 
 
 def written(folder, name, given):

@@ -103,7 +103,7 @@ class FitProblem:
 
     @property
     def both_ways(self) -> Mask:
-        """(J,) the joints that turn to and fro: of one that does not, an offset of the drive and its weight pass for friction."""
+        """(J,) the joints that turn to and fro: of one that does not, an offset of the drive and its weight pass for Coulomb friction."""
         forward, used = (np.sum([np.sum(rows(eq), axis=0) for eq in self.equations], axis=0) for rows in (_forward, lambda eq: eq.used))
         both: Mask = np.minimum(forward, used - forward) >= ONE_WAY_SHARE * np.maximum(used, 1)
         return both
