@@ -488,7 +488,7 @@ DETECTORS = (
     Detector(Fitted, (fit.UNPHYSICAL_FRICTION,), fit.negative_friction),
     Detector(Fitted, (fit.TORQUE_DELAYED,), fit.torque_delayed),
     Detector(Fitted, (fit.TORQUE_OFFSET,), fit.torque_offset),
-    Detector(Fitted, (fit.TORQUE_SMOOTHED,), fit.torque_smoothed),
+    Detector(Fitted, (fit.TORQUE_SMOOTHED, fit.NOISE_SMOOTHED), fit.torque_smoothed),
     Detector(Fitted, (fit.TORQUE_DRIFTS,), fit.torque_drifts),
     Detector(Fitted, (GAIN_DOUBTFUL,), fit.sizes_doubtful),
     Detector(Fitted, (fit.POOR_FIT,), fit.poor_fit),

@@ -5,11 +5,13 @@ that comes late against the motion looks viscous, and an offset looks like weigh
 Each detector is a function of `Fitted`; `detectors` has the table. Joints that hardly move have a warning of their own and no other.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.signal
 
 from monitor.identify.explanations import AS_WELL, OTHER_GAIN, OTHER_MOUNTING, OTHER_OFFSET, Explained, Explanations, unit_cause
 from monitor.identify.fit.covariance import Causes
@@ -19,6 +21,7 @@ from monitor.identify.fit.least_squares import Felt, Rows, best_condition, toget
 from monitor.identify.gain_check import GAIN_DOUBTFUL, gain_warnings
 from monitor.identify.mounting import Upward, contradicting, mounting_warning
 from monitor.identify.signals.filters import low_pass
+from monitor.identify.signals.motion import Motion
 from monitor.model.base import Base
 from monitor.model.friction import smooth_sign
 from monitor.model.robot import Mounting, Robot
@@ -40,6 +43,12 @@ LATE_ALL_S = 0.017  # of the median joint; on real arms it is 5–12 ms
 # faster changes [Hz] of the torque are those of reversals and of inertia, and so much of them must be there in the median joint; of real
 # arms 0.75 to 1 and 0.63 to 1, as wrists grip before they slide; of a filter at 4 Hz 0.6 to 0.7 and 0.3
 QUICK = ((1.5, 0.5), (3.5, 0.55))
+# power of the drive's signal, logarithmic mean, at the second frequencies [Hz] beside that at the first: of real drives 0.05 to 0.6, as
+# their noise has no end; after a filter at up to 10 Hz, or a mean over 80 ms, below 0.016
+NOISE_HZ = ((5.0, 7.0), (14.0, 30.0))
+NOISE_LEFT = 0.03
+NOISE_WINDOW_S = 2.0
+LEAST_RATE_HZ = 50.0  # that shows such noise
 QUICK_SHARE = 0.02  # of the torque's RMS: with less, the motion has no quick changes
 DRIFTS = 0.12  # of the torque, from the beginning of a recording to its end, in the median joint; of real arms 0.03 at most
 LONGEST_S = 0.3  # delay that is tried
@@ -109,6 +118,11 @@ TORQUE_SMOOTHED = Sentence(
     "torque_smoothed",
     "only {share:.0%} of what current or torque would change faster than {quick_hz:g} Hz is there: it was smoothed, "
     "and friction comes out too small",
+)
+NOISE_SMOOTHED = Sentence(
+    "noise_smoothed",
+    "current or torque has next to none of the noise that every drive has above {quick_hz:g} Hz: it was smoothed, and friction may come "
+    "out some per cent too small",
 )
 TORQUE_DRIFTS = Sentence(
     "torque_drifts",
@@ -370,7 +384,7 @@ def _well_described(fitted: Fitted) -> Mask | None:
 
 
 def torque_smoothed(fitted: Fitted) -> Iterator[Reason]:
-    """Torque without the quick changes that the fit has."""
+    """Torque without the quick changes that the fit has, or without the noise that a drive has."""
     well, causes = _well_described(fitted), fitted.causes
     if well is None:
         return
@@ -388,6 +402,31 @@ def torque_smoothed(fitted: Fitted) -> Iterator[Reason]:
         if np.sum(shown) >= 0.5 * len(well) and (left := float(np.median(both[shown] / quick[shown]))) < least:
             yield TORQUE_SMOOTHED(share=max(left, 0.0), quick_hz=quick_hz)
             return
+    noise = [left for eq in fitted.problem.equations if (left := _noise_left(eq.motion)) is not None]
+    if noise and max(noise) < NOISE_LEFT:
+        yield NOISE_SMOOTHED(quick_hz=NOISE_HZ[1][0])
+
+
+def _noise_left(motion: Motion) -> float | None:
+    """The power of the drives' signals at the quicker of `NOISE_HZ` beside that at the slower, of the median joint that moves.
+
+    None at rates that do not show it.
+    """
+    recording, keep = motion.recording, motion.rows.keep
+    drive = recording.torque if recording.current is None else recording.current
+    t_s = recording.t_s[keep]
+    rate_hz = 1.0 / float(np.median(np.diff(t_s)))
+    if drive is None or rate_hz < LEAST_RATE_HZ or t_s[-1] - t_s[0] < 2.0 * NOISE_WINDOW_S:
+        return None
+    even_s = np.arange(t_s[0], t_s[-1], 1.0 / rate_hz)
+    moves = np.quantile(np.abs(motion.qd), 0.9, axis=0) > USEFUL_SPEED_RAD_S / 4.0
+    even = np.array([np.interp(even_s, t_s, signal) for signal in drive[keep].T[moves]])
+    if not len(even):
+        return None
+    at_hz, power = scipy.signal.welch(even, rate_hz, nperseg=round(NOISE_WINDOW_S * rate_hz))
+    size = np.log(np.maximum(power, 1e-300))
+    slow, quick = (np.mean(size[:, (at_hz >= low) & (at_hz < min(high, 0.45 * rate_hz))], axis=1) for low, high in NOISE_HZ)
+    return math.exp(float(np.median(quick - slow)))
 
 
 def torque_drifts(fitted: Fitted) -> Iterator[Reason]:

@@ -3,7 +3,7 @@
 A recording of the wrong columns, signs or units fits badly, and so does a sound one on another mounting. Each cause makes another recording
 of the one that was given. All are fitted alike on a part of the rows, and the cause that leaves least is the likeliest. What counts is the
 residual of each joint beside its torque, as a logarithm: this is the likelihood for noise of each joint's own size, and neither a unit nor
-the order of the joints changes it. A cause after which friction drives joints is less likely than one after which it does not.
+the order of the joints changes it. A cause after which friction surely drives joints is less likely than one after which it does not.
 """
 
 import math
@@ -77,6 +77,7 @@ class _Rows:
     direction: Array
     torque: Array
     gravity: Array  # (3,) in DH frame 0 [m/s²]
+    independent: float  # of the samples of a joint, in the mean
 
     def changed(self, positions: Array, torques: Array) -> "_Rows":
         """With positions and torques that are sums of these: (J, J) each."""
@@ -90,7 +91,7 @@ class Explained(NamedTuple):
     cause: Reason
     rows: _Rows  # as the cause makes them
     left: Array  # (J,) residual beside torque, RMS; NaN for a joint that hardly moves
-    rubbing: Array  # (J,) friction at the reference speed [N·m]; NaN likewise
+    rubbing: Array  # (J,) friction at the reference speed, or where the joint is slower at its own [N·m]; NaN likewise
     drives: int  # joints that friction would drive
     score: float  # mean logarithm of what is left
 
@@ -119,6 +120,7 @@ class _Problem:
         blocks = felt_under(robot, rows.gravity[:, None], felt, rows.q, rows.qd, rows.qdd, rows.direction)
         self.unknowns, self.seen, self.rows = B, seen, rows
         self.coulomb, self.viscous = (np.searchsorted(base.columns, own) for own in friction_columns(J))
+        self.speed = np.minimum(REFERENCE_RAD_S, np.quantile(np.abs(rows.qd), 0.9, axis=0))  # none is faster than the joint
         self.grams = np.zeros((J, B + J + 1, B + J + 1))  # of the unknowns, the torques of all joints, and an offset
         on, ones = (np.abs(rows.qd) > STANDSTILL_SPEED_RAD_S).T, np.ones((1, len(rows.q)))
         for j in np.flatnonzero(seen):
@@ -138,21 +140,25 @@ class _Problem:
         sizes = grams[:, -1, -1]
         seen = self.seen & (sizes > 0.0)
         weights = np.where(seen, 1.0 / np.where(seen, sizes, 1.0), 0.0)
-        values, squares = np.zeros(B + 1), sizes
+        values, squares, unsure = np.zeros(B + 1), sizes, np.zeros(J)
+        speeds = np.zeros((B + 1, J))  # friction at a speed, as sums of the unknowns
+        speeds[self.coulomb, np.arange(J)], speeds[self.viscous, np.arange(J)] = 1.0, self.speed
         for _ in range(REWEIGHTINGS):
             G = np.tensordot(weights, grams, 1)
             scale = np.sqrt(np.diag(G)[:-1])
             scale = np.where(scale > FELT * np.max(scale, initial=0.0), scale, np.inf)
             normal = G[:-1, :-1] / scale[:, None] / scale
             normal.reshape(-1)[:: B + 2] = 1.0 + RIDGE
-            values = scipy.linalg.solve(normal, G[:-1, -1] / scale, assume_a="pos") / scale
+            asked = np.column_stack([G[:-1, -1], speeds]) / scale[:, None]
+            answer = scipy.linalg.solve(normal, asked, assume_a="pos") / scale[:, None]
+            values, unsure = answer[:, 0], np.sqrt(np.einsum("xj,xj->j", speeds, answer[:, 1:]) / self.rows.independent)
             x = np.append(values, -1.0)
             squares = np.maximum((grams @ x) @ x, ROUNDING * sizes)
             weights = np.where(seen, 1.0 / np.where(seen, squares, 1.0), 0.0)
         left = np.where(seen, np.sqrt(squares / np.where(seen, sizes, 1.0)), np.nan)
         mean = float(np.mean(np.log(left[seen]))) if seen.any() else 0.0
-        rubbing = values[self.coulomb] + REFERENCE_RAD_S * values[self.viscous]
-        drives = int(np.sum(seen & (rubbing < -DRIVES * np.sqrt(sizes))))
+        rubbing = values @ speeds
+        drives = int(np.sum(seen & (rubbing < -DRIVES * np.sqrt(sizes)) & (rubbing < -SURE * unsure)))
         rows = replace(self.rows, torque=self.rows.torque @ torques.T)
         return Explained(cause, rows, left, np.where(seen, rubbing, np.nan), drives, mean)
 
@@ -173,7 +179,8 @@ class Explanations:
         moving_s = np.sum(on, axis=0) * step / motions[0].rate_hz
         self.evidence = float(np.sum(moving_s[self.seen])) / CORRELATED_S  # independent samples
         self.measured = any(moved.current is None for moved in motions)  # torque itself
-        rows = _Rows(q=q, qd=qd, qdd=qdd, direction=direction, torque=torque, gravity=robot.gravity(mounting))
+        independent = max(1.0, self.evidence / max(1, int(np.sum(self.seen))))
+        rows = _Rows(q=q, qd=qd, qdd=qdd, direction=direction, torque=torque, gravity=robot.gravity(mounting), independent=independent)
         self.as_it_is = _Problem(robot, rows, self.seen).explained(AS_GIVEN())
 
     @property
@@ -220,10 +227,10 @@ class Explanations:
     def _explains(self, one: Explained, before: Explained) -> bool:
         """Whether the cause is surely better, and what it leaves is a sound fit or at least much less."""
         less = before.score - one.score
-        if one.drives < before.drives:
+        if one.drives == 0 < before.drives:
             return less > -AS_WELL
         sure = less > 0.0 and math.sqrt(2.0 * self.evidence * less) > SURE
-        return sure and one.drives == before.drives and (less > MUCH or one.worst < SOUND)
+        return sure and one.drives <= before.drives and (less > MUCH or one.worst < SOUND)
 
     def _of_torques(self, before: Explained) -> Iterator[Explained]:
         """Causes that leave the positions as they are."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.signal
 from faults import DRIVES, permuted
 from oracle_arm import GROUND, VISCOUS, friction, recording, rigid_torque, truth
 from own_physics import UR5, late, productioned_arm
@@ -154,3 +155,16 @@ def test_a_model_that_is_wrong_by_more_than_all_of_the_torque_where_joints_stand
     assert told.code == "held_out_at_rest"
     assert "joints 2 stand still" in str(told)
     assert not warnings_of(Predicted("held.csv", sound, np.full(6, 1.0), sound, None))
+
+
+@pytest.mark.parametrize("smooth", ["6 Hz", "9 Hz", "80 ms"])
+def test_torque_that_was_smoothed_above_what_the_fit_uses_is_told_by_its_noise(smooth):
+    """1 to 3 % of friction are lost; the quick changes of the torque itself still look sound."""
+    rate_hz = 1.0 / float(np.median(np.diff(HEALTHY.t_s)))
+    if smooth == "80 ms":
+        window = np.ones(round(0.08 * rate_hz)) / round(0.08 * rate_hz)
+        current = np.apply_along_axis(lambda own: np.convolve(own, window, "same"), 0, HEALTHY.current)
+    else:
+        b, a = scipy.signal.butter(2, float(smooth.split()[0]), fs=rate_hz)
+        current = scipy.signal.filtfilt(b, a, HEALTHY.current, axis=0)
+    assert {"noise_smoothed", "torque_smoothed"} & set(codes(identify([replace(HEALTHY, current=current)], UR5, GROUND))[:2])

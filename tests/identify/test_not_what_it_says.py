@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults import DRIVES, faults, permuted
-from oracle_arm import GROUND
+from oracle_arm import GROUND, excitation, rigid_torque
 from own_physics import UR5, late, productioned_arm, with_current
 
 from monitor.config.files import find_excitation
@@ -16,12 +16,13 @@ from monitor.identify.quality import not_of_the_arm, silent_drive
 from monitor.judge.assess import Rejected, assess
 from monitor.model.robot import Mounting, load_robot
 from monitor.reason import Reason
-from monitor.recording import Context
+from monitor.recording import Context, Recording
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import read_recording
 from monitor.store.from_files.production_files import ListenRequest, listen_to_files
+from monitor.store.identify_files import robot_from_urdf
 
 HEALTHY = productioned_arm(4)
 FAULTS = dict(faults(UR5))
@@ -205,6 +206,27 @@ def test_production_that_is_not_of_the_arm_is_refused_with_its_cause(name, tmp_p
     request = ListenRequest(files=[wrong], rigid=replay, history=None, robot=UR5, mounting=GROUND)
     with pytest.raises(BadInput, match=r"work.csv: .*(exchanged|stays at 0).*expected the columns and units of the replay"):
         listen_to_files(request, load_robot, lambda *_: None)
+
+
+def test_a_torque_sensor_behind_the_gear_with_the_opposite_sign_is_told_as_gravity_or_sign():
+    """Nothing rubs there, so that no friction drives a joint, and no exchange is made up; slow motion tells no inertia."""
+    t_s, (q, qd, qdd) = excitation(UR5, speed_rad_s=0.3).sampled(125.0)
+    torque = 0.2 * np.random.default_rng(2).normal(size=q.shape) - rigid_torque(UR5, GROUND, q, qd, qdd)
+    found = identify([Recording(t_s=t_s, q=q, qd=qd, torque=torque)], UR5, GROUND)
+    assert found.warnings[0].code == "mounting_contradiction"
+    assert found.warnings[0].parameters["sign"].code == "signs_as_well"
+    assert "likely_cause" not in {warning.code for warning in found.warnings}
+
+
+def test_no_exchange_is_made_up_of_a_slow_arm_whose_sensors_are_behind_the_gears(real_data):
+    """A KUKA LBR, whose efforts have the opposite sign: what looked like friction that drives was the end of a line, beyond all speeds."""
+    folder = real_data / "arms" / "lbr_med7"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} is not here")
+    recording, arm = read_recording(folder / "lbr_med7_joint_states_joined_in_order.csv"), robot_from_urdf(folder / "lbr_med7dock.urdf")
+    told = {warning.code: warning for warning in identify([recording], arm, GROUND).warnings}
+    assert "likely_cause" not in told
+    assert told["mounting_contradiction"].parameters["sign"].code == "signs_as_well"
 
 
 def test_a_larger_arm_than_the_model_says_is_told_as_its_weight():
