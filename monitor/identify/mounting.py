@@ -69,7 +69,9 @@ MOUNTING_CONTRADICTION = Sentence(
 UP_BY_MASSES = Sentence("up_by_masses", "; up is told from down by the manufacturer's masses, not by these data")
 UP_OPEN = Sentence("up_open", "; up and down stay open: the opposite direction explains the data as well")
 SIGNS_AS_WELL = Sentence(
-    "signs_as_well", "; the opposite sign of all currents or torques would explain it as well, and these data do not tell them apart"
+    "signs_as_well",
+    "; up is told from down by the manufacturer's masses, not by these data: the opposite sign of all currents or torques would explain it "
+    "as well",
 )
 OFFSET_AS_WELL = Sentence("offset_as_well", "; an offset of a joint's current or torque would explain it as well")
 
@@ -95,7 +97,7 @@ def mounting_warning(found: Upward, motions: Sequence[Motion], torques: Sequence
         offset = OFFSET_AS_WELL()
     angle_deg, std_deg = math.degrees(found.angle_rad), math.degrees(found.std_rad)
     sign = {"inertia": "", "masses": UP_BY_MASSES(), "open": UP_OPEN()}[found.sign_by]
-    if sign and angle_deg > OPPOSITE_DEG:
+    if found.sign_by == "masses" and angle_deg > OPPOSITE_DEG:
         sign = SIGNS_AS_WELL()
     return MOUNTING_CONTRADICTION(
         angle_deg=angle_deg,
