@@ -402,7 +402,7 @@ def torque_smoothed(fitted: Fitted) -> Iterator[Reason]:
         if np.sum(shown) >= 0.5 * len(well) and (left := float(np.median(both[shown] / quick[shown]))) < least:
             yield TORQUE_SMOOTHED(share=max(left, 0.0), quick_hz=quick_hz)
             return
-    noise = [left for eq in fitted.problem.equations if (left := _noise_left(eq.motion)) is not None]
+    noise = [share for eq in fitted.problem.equations if (share := _noise_left(eq.motion)) is not None]
     if noise and max(noise) < NOISE_LEFT:
         yield NOISE_SMOOTHED(quick_hz=NOISE_HZ[1][0])
 
