@@ -161,6 +161,20 @@ def test_the_mounting_of_a_recording_counts_unless_the_user_gives_another(record
     assert "hangs otherwise than [robot] mounting = 'ground'" in refused.stderr
 
 
+def test_a_rejected_recording_is_in_the_json_with_its_reason(recordings, tmp_path):
+    """Torques where currents stood: code, parameters and text, and the same text on the terminal."""
+    wrong, recording = tmp_path / "wrong.parquet", read_recording(recordings[2])
+    write_recording(wrong, replace(recording, current=recording.current * load_robot("ur5").drive_gain_nm_per_a, target_current=None))
+    document = json.loads(run("assess", "--robot", "ur5", "--json", str(recordings[0]), str(wrong)).stdout)
+    (first, second) = document["recordings"]
+    assert (first["verdict"], first["reason"]) == ("assessed", None)
+    assert second["verdict"] == "rejected"
+    assert second["reason"]["code"] == "recording_not_trusted"
+    assert "name them actual_torque" in second["reason"]["text"]
+    shown = run("assess", "--robot", "ur5", str(recordings[0]), str(wrong)).stdout
+    assert "rejected wrong.parquet: the recording is not to be trusted" in shown
+
+
 def test_times_that_are_missing_or_the_same_are_refused(recordings):
     """One file has no time, or two files have the same."""
     robot = load_robot("ur5")

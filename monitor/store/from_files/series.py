@@ -144,7 +144,7 @@ def assess_series(series: Series) -> dict[str, Any]:
     for recording, outcome in judged(dated(series), series.robot, series.gains, series.settings):
         at = recording.context.recorded_at_unix_s
         if isinstance(outcome, Rejected):
-            files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "rejected", "reason": outcome.reason})
+            files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "rejected", "reason": outcome.reason.document()})
             continue
         files.append({"file": recording.source, "recorded_at_unix_s": at, "verdict": "assessed", "reason": None})
         friction += [{"file": recording.source, "recorded_at_unix_s": at, **plain(joint)} for joint in outcome.friction]
@@ -154,7 +154,7 @@ def assess_series(series: Series) -> dict[str, Any]:
             alerts[transition.alert.key] = {**alert_document(transition.alert), "file": raised_in or recording.source}
         last = outcome
     if last is None:
-        reasons = "; ".join(f"{row['file']}: {row['reason']}" for row in files)
+        reasons = "; ".join(f"{row['file']}: {row['reason']['text']}" for row in files)
         raise BadInput(f"assess: no recording could be judged: {reasons}")
     health = series.settings.health
     return {

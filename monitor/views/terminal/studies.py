@@ -43,7 +43,7 @@ def print_assessment(document: dict[str, Any], why: int | None = None) -> None:
         console.print(f"warning {code}: {first['file']}: {first['text']}{more}", highlight=False, markup=False)
     for row in document["recordings"]:
         if row["reason"]:
-            console.print(f"rejected {row['file']}: {row['reason']}", highlight=False, markup=False)
+            console.print(f"rejected {row['file']}: {row['reason']['text']}", highlight=False, markup=False)
 
 
 def print_rehearsal(document: dict[str, Any]) -> None:
