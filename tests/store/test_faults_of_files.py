@@ -263,7 +263,12 @@ FAULTS: dict[str, Expected] = {
     "currents empty": Expected(with_columns("actual_current", lambda t, j: np.nan), refused="current of joints .* holds no number"),
     "interpolated from 10 Hz": Expected(interpolated_from(10.0), "interpolated", right=False),
     "interpolated from 5 Hz, 4 digits": Expected(interpolated_from(5.0, 4), "interpolated", right=False),
-    "near name of speeds": Expected(renamed("actual_qd", "actual_dq_{}"), "names_not_read"),
+    "near name of speeds": Expected(renamed("actual_qd", "actual_qvel_{}"), "names_not_read"),
+    "speeds in other letters": Expected(renamed("actual_qd", "actual_dq_{}"), "names_taken"),
+    "speeds in other letters, wrong clock": Expected(
+        lambda t: renamed("actual_qd", "Actual_QD_{}")(t.assign(timestamp=1.6 * t["timestamp"])), refused="check the columns and the clock"
+    ),
+    "speeds in other letters, left out": Expected(renamed("actual_qd", "actual_dq_{}"), "names_not_read", columns="actual_qd="),
     "near name of speeds, wrong clock": Expected(
         lambda t: renamed("actual_qd", "joint_{}_velocity")(t.assign(timestamp=1.6 * t["timestamp"])), "names_not_read", right=False
     ),

@@ -389,7 +389,19 @@ def test_a_time_that_stands_twice_is_refused(tmp_path):
         read_recording(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize("named", ["actual_dq_{}", "speed{}", "joint_{}_velocity", "Actual_QD_{}"])
+@pytest.mark.parametrize("named", ["actual_dq_{}", "qd_actual_{}", "Actual_QD_{}"])
+def test_columns_with_the_letters_of_the_speeds_are_taken_for_them_and_this_is_told(tmp_path, named):
+    """So that a wrong clock is seen; the sentence says how to leave them out."""
+    names = [named.format(name[-1]) if "_qd_" in name else name for name in HEADER]
+    (tmp_path / "a.csv").write_text(text().replace(",".join(HEADER), ",".join(names)))
+    found = read_recording(tmp_path / "a.csv")
+    (reason,) = found.told
+    assert reason.code == "names_taken"
+    assert_is_rows(found)
+    assert read_recording(tmp_path / "a.csv", reason.text.split("--columns ")[1]).qd is None
+
+
+@pytest.mark.parametrize("named", ["actual_qvel_{}", "speed{}", "joint_{}_velocity", "V_{}"])
 def test_columns_that_may_be_the_speeds_are_told_as_not_read(tmp_path, named):
     """Without speeds nobody would see a wrong clock; the sentence says what to type."""
     names = [named.format(name[-1]) if "_qd_" in name else name for name in HEADER]

@@ -36,10 +36,16 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
 EXAMPLE = "timestamp,actual_q:6,actual_qd:6,actual_current:6, or by names timestamp=time,actual_q=position_{1..6}"
 
+SPEEDS = "actual_qd"
 NAMES_NOT_READ = Sentence(
     "names_not_read",
     "{source}: {wanted} is not there, and columns of other names are not read: {names}. Where one is meant, say so, such as "
     "--columns {wanted}={example}",
+)
+NAMES_TAKEN = Sentence(
+    "names_taken",
+    "{source}: {wanted} is not there, and {names} are taken for it, which positions and clock must agree with; where they are something "
+    "else, say --columns {wanted}=",
 )
 DISORDER = 0.1  # of the steps go back in time: the rows are in no order, or in the opposite one
 ADJACENT = 3.0  # ticks between blocks of rows
@@ -237,12 +243,24 @@ def _named(source: str, names: Sequence[str], columns: str) -> Layout:
                     f"others are said by --columns, such as {name}={name}_{{1..{count}}}"
                 )
             joints[field] = [places[j] for j in range(count)]
+    told = list(_not_read(source.rpartition("/")[2], set(fields), groups, count))
+    speeds = [
+        (pattern, own)
+        for pattern, numbers in groups.items()
+        if len(own := sorted(set(numbers))) == count == len(numbers) and _letters(pattern) == _letters(SPEEDS)
+    ]
+    speeds = [(pattern, own) for pattern, own in speeds if set(_names(pattern, own)) <= set(names)]  # none is written 01
+    if "qd" not in fields and SPEEDS not in given and len(speeds) == 1:
+        ((pattern, indices),) = speeds
+        joints["qd"] = [names.index(name) for name in _names(pattern, indices)]
+        told = [reason for reason in told if reason.parameters["wanted"] != SPEEDS]
+        told.append(NAMES_TAKEN(source=source.rpartition("/")[2], wanted=SPEEDS, names=_braced(pattern, indices)))
     width = len(names)
     while width and not names[width - 1]:
         width -= 1  # separators that a spreadsheet left at the end of the line
     scalars = {SCALAR_COLUMNS[name]: places[0] for name, places in of_name.items() if name in SCALAR_COLUMNS}
     production = _production_columns(source, names, given)
-    return Layout(scalars, joints, width, production, None, tuple(_not_read(source.rpartition("/")[2], set(fields), groups, count)))
+    return Layout(scalars, joints, width, production, None, tuple(told))
 
 
 def _renamed(source: str, names: Sequence[str], columns: str) -> Iterator[tuple[str, list[int]]]:
@@ -334,6 +352,11 @@ def _not_read(source: str, fields: set[str], groups: Mapping[str, list[int]], co
         if like:
             likest = max(like, key=lambda name: SequenceMatcher(None, name, wanted).ratio())
             yield NAMES_NOT_READ(source=source, wanted=wanted, names=like, example=likest)
+
+
+def _letters(pattern: str) -> list[str]:
+    """The letters of a name in the order of the alphabet: actual_dq, Actual.QD and qd_actual have those of actual_qd."""
+    return sorted(letter for letter in pattern.format("").lower() if letter.isalpha())
 
 
 def _alike(pattern: str, wanted: str) -> bool:
