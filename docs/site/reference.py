@@ -46,9 +46,15 @@ what was expected.
 """
 COMMANDS_HEAD = """# Commands
 
-`joint-monitor COMMAND --help` prints the same text. Each command ends with 0 when it has done its work, with 1 when something
-outside prevented it (no answer from the robot, no history yet), and with 2 when an argument or a file is wrong or a motion was
-refused. Other exit codes stand with the command. `--json` prints one JSON object on standard output, for programs.
+`joint-monitor COMMAND --help` prints the same text. `--json` prints one JSON object on standard output, for programs.
+
+| exit code | meaning of every command |
+|---|---|
+| 0 | it has done its work |
+| 1 | something outside prevented it: no answer from the robot or the daemon, no history yet, a full disk |
+| 2 | an argument or a file is wrong, or a motion was refused |
+| 3 | it has done its work, and found what should not be: a verdict that differs, a condition that does not hold, an arm that lacks something |
+| 78 | a service only, `run`, `plant` or `gateway`: its configuration is wrong, and starting it again would change nothing |
 """
 
 

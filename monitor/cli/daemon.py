@@ -35,6 +35,9 @@ def run(
     config: ConfigOption,
     now: Annotated[bool, typer.Option("--now", help="Replay once at the start, then as scheduled.")] = False,
     only_check: Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing; for ExecReload.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", envvar="JOINT_MONITOR_VERBOSE", help="Log each condition and phase of a replay.")
+    ] = False,
 ) -> None:
     """Run the monitor of one robot until SIGTERM.
 
@@ -51,17 +54,17 @@ def run(
         if only_check:
             typer.echo(f"{configuration.path} is right")
             return
-        _serve(configuration, now)
+        _serve(configuration, now, verbose)
     except (BadConfiguration, OlderHistory) as error:
         typer.echo(f"joint-monitor: {error}", err=True)
         raise typer.Exit(EXIT_CONFIG) from None
 
 
-def _serve(configuration: "Configuration", now: bool) -> None:
+def _serve(configuration: "Configuration", now: bool, verbose: bool) -> None:
     from monitor.service.run import serve
     from monitor.service.systemd import log_as_a_service
 
-    log_as_a_service(configuration.robot.site, configuration.robot.id)
+    log_as_a_service(configuration.robot.site, configuration.robot.id, verbose=verbose)
     for name in configuration.overrides:
         logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
     if configuration.notify.to:

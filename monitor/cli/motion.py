@@ -170,12 +170,13 @@ def allow(
     from monitor.service.left_arm import let_back
     from monitor.service.monitor_document import present_unix_s, read_monitor_document
     from monitor.store.history.motions import LET_BACK, WAY_BACK
-    from monitor.store.store import Store
+    from monitor.store.store import Store, expect_history
 
     configuration = load_configuration(config)
     for option, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
+    expect_history(configuration.state_directory)
     now_unix_s = present_unix_s(read_monitor_document(configuration.state_directory), time.time())  # a trial has its own time
     with Store.shared(configuration.state_directory) as store:
         store.motions.give_up_left_over(now_unix_s)  # a motion without a known end waits for a person too

@@ -206,10 +206,14 @@ class Gateway:
             self.source.refresh()
             if self._owes:
                 self._take()
-            if time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
+            if self.trouble is not None or time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
                 if self._owes:
                     self._gateway_lock.take()
-                self._heartbeat()
+                self._heartbeat()  # what can be read may still be locked: the trouble is over once a row is written
+            if self.trouble is not None:
+                if self._pause_s:
+                    log.info("the database answers again: %s", self.database.name)
+                self.trouble, self._pause_s = None, 0.0
             self.permitted.set()
         except StoreUnavailable as error:
             self.permitted.clear()
@@ -234,9 +238,6 @@ class Gateway:
                 noted = self._begin()
             self._noted = noted
             self._plant_watch.rest()
-        if self._pause_s:
-            log.info("the database answers again: %s", self.database.name)
-        self.trouble, self._pause_s = None, 0.0
 
     def _begin(self) -> Noted:
         """There is a gateway from now on: what is copied is of before."""

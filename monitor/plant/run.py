@@ -80,8 +80,10 @@ class Plant:
                     return
                 self._open()
             self.following.write()
-            if time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
-                self._heartbeat()
+            if self.trouble is not None or time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
+                self._heartbeat()  # what can be read may still be locked: the trouble is over once a row is written
+            if self.trouble is not None:
+                self._answers()
         except StoreUnavailable as error:
             self._away(str(error))
 
@@ -106,6 +108,8 @@ class Plant:
         self.database.forget()
         self.database.migrate()
         self.following.look_again()
+
+    def _answers(self) -> None:
         if self._pause_s:
             log.info("the database answers again: %s", self.database.name)
         self.trouble, self._pause_s = None, 0.0

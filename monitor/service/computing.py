@@ -18,6 +18,7 @@ from typing import Any, NoReturn, ParamSpec, Protocol, TypeVar
 
 from monitor.acquire.child import bind_to_parent, leave, leave_if_orphaned
 from monitor.errors import MonitorError
+from monitor.service.systemd import log_to_stderr
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -142,7 +143,7 @@ def compute_and_leave() -> NoReturn:
     """The child's life: compute what standard input says, send the results, end. The arguments name their pipe, and the parent."""
     bind_to_parent()
     leave_if_orphaned(int(sys.argv[2]))
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s %(message)s")
+    log_to_stderr()
     with open(int(sys.argv[1]), "wb") as results:
 
         def send(kind: int, value: Any) -> None:

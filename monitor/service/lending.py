@@ -139,6 +139,7 @@ class BorrowedWindow:
                 self.ledger_id = self._store.ledger.claim(self._due.key_unix_s, self._due.kind, self._entered_at)
                 if self.ledger_id is None:
                     raise MotionRefused(HAS_WINDOW())
+                log.info("replay=%d begins: the program's node lends the arm", self.ledger_id, extra={"replay": self.ledger_id})
                 self._stack = stack.pop_all()
         return self.ledger_id
 

@@ -96,7 +96,9 @@ class MainLoop:
                 self._workers.reloader.reload()
                 self._monitor_at = 0.0  # whoever asked for the reload looks at the STATUS line now
             now = time.monotonic()
-            if now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
+            ended = state.replay_ended.is_set()
+            if ended or now - self._monitor_at >= MONITOR_PERIOD_S or not self._monitor_at:
+                state.replay_ended.clear()
                 self._monitor_at = now
                 self._look()
                 self._guarded("duty", self._daemon.duty.step)

@@ -170,7 +170,7 @@ def move(
 
     def play_before(witness: Witness, played: Excitation, *, slowly: bool) -> Recording:
         basis = learnt_basis(store, configuration, played, context, model, compute)
-        log.info(
+        log.debug(
             "%s at %g of the pace, torque within the band of %s", "first pass" if slowly else "replay", played.time_scale, basis.description
         )
         motion = MotionLog(store, context, settings.host, enter, first_pass=slowly)
@@ -299,7 +299,7 @@ def progress_log(monotonic: Callable[[], float] = time.monotonic) -> Callable[[R
         elif monotonic() - logged_at >= EVERY_S:
             logged_at = monotonic()
             total = f" of {at.duration_s:.0f}" if at.duration_s else ""
-            log.info("%s, %.0f s%s", at.text, at.elapsed_s, total)
+            log.debug("%s, %.0f s%s", at.text, at.elapsed_s, total)
 
     return show
 

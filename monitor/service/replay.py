@@ -13,6 +13,7 @@ from monitor.config.schema import Configuration
 from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.states import stale_joints
 from monitor.model.fourier import Excitation
+from monitor.publish.timestamps import rfc3339
 from monitor.reason import INTERNAL, Reason, Sentence
 from monitor.recording import Context, Recording
 from monitor.service.computing import ComputingFailed
@@ -98,6 +99,7 @@ class Monitor:
             ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is None:
                 return None
+            log.info("replay=%d begins: %s, window %s", ledger_id, kind, rfc3339(window_unix_s), extra={"replay": ledger_id})
             self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
             return self._ended(ledger_id)
@@ -147,7 +149,7 @@ class Monitor:
             ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())
             if ledger_id is not None:
                 self._store.ledger.end(ledger_id, "skipped", reason, self._now())
-                log.warning("window=%.0f verdict=skipped reason=%r", window_unix_s, reason.text)
+                log.warning("window=%s verdict=skipped reason=%r", rfc3339(window_unix_s), reason.text)
 
     def recover(self, at_most: int | None = None) -> None:
         """Finish what a crash or a full disk left half-way: each such window is aborted, or assessed now. Raises StoreError.
@@ -203,6 +205,7 @@ class Monitor:
         """Say how a window ended; its row."""
         row = self._store.ledger.row(ledger_id)
         self._publisher.replay_ended(row)
+        self._state.replay_ended.set()  # the main loop looks at once whether it was a stop
         fields = {"replay": row.id, "verdict": row.state}
         health = self._state.health
         if row.state == "assessed" and health is not None:

@@ -153,6 +153,7 @@ class Scheduler:
         self._take_evidence()
         self._compare_clocks(now, monotonic)
         if "store" in self._problems or self._store.ledger.unfinished():
+            self._store.notes.set(_WATCHED, repr(self._watched))  # what can be read may still be locked, or full
             self._monitor.recover()
             self._problems.clear("store")
         if now < NEVER_SET_UNIX_S:
@@ -207,9 +208,8 @@ class Scheduler:
             return
         self._check(now)
         after = self._clocks.now()
-        upcoming = self.coming(1, after)
-        self._next_check = min(upcoming[0].opens_unix_s if upcoming else after + CHECK_EVERY_S, after + CHECK_EVERY_S)
-        self._monitor.next_due(upcoming[0].opens_unix_s if upcoming else None)
+        upcoming = self._tell_next(after)
+        self._next_check = min(after + CHECK_EVERY_S if upcoming is None else upcoming, after + CHECK_EVERY_S)
         if monotonic - self._noted >= 10 * CHECK_EVERY_S or not self._noted:
             self._noted = monotonic
             self._store.notes.set(_WATCHED, repr(now))
@@ -229,7 +229,7 @@ class Scheduler:
             return
         short = too_little_room(self._store, self._monitor.configuration.store.least_free_mb)
         if short is None:
-            self._monitor.next_due(next((window.opens_unix_s for window in self.coming(1, now)), None))  # told while it lasts, too
+            self._tell_next(now)  # told while it lasts, too
             row = self._monitor.perform(now, "requested", now + self._monitor.configuration.schedule.grace_s)
             if row is not None and row.state == "assessed":
                 self._serve_windows_beside(now)
@@ -248,6 +248,12 @@ class Scheduler:
         for window in (*is_open, *ahead[:1]):  # of a dense schedule, those after it have replays of their own
             if window.opens_unix_s >= self._not_before:
                 self._monitor.skip(window.key_unix_s, SERVED_BY_REQUEST(at=rfc3339(asked_unix_s)))
+
+    def _tell_next(self, now: float, but: Window | None = None) -> float | None:
+        """Tell when the next window opens that is not `but`; returns it."""
+        opens = next((window.opens_unix_s for window in self.coming(2, now) if but is None or window.key_unix_s != but.key_unix_s), None)
+        self._monitor.next_due(opens)
+        return opens
 
     def coming(self, count: int, now: float | None = None) -> list[Window]:
         """The next `count` windows that the ledger does not have yet. Raises StoreError."""
@@ -301,9 +307,8 @@ class Scheduler:
             self._monitor.skip(found.due.key_unix_s, short)
             return
         self.lag_s = now - found.due.opens_unix_s
-        log.info(
-            "window=%s opens a replay: %s", rfc3339(found.due.key_unix_s), found.due.why, extra={"window": rfc3339(found.due.key_unix_s)}
-        )
+        log.debug("window=%s opens a replay: %s", rfc3339(found.due.key_unix_s), found.due.why)
+        self._tell_next(now, but=found.due)  # while it lasts, the next one is that after it
         self._monitor.perform(found.due.key_unix_s, closes_unix_s=found.due.closes_unix_s)
 
     def _why_missed(self, window: Window) -> Reason:

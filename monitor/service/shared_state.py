@@ -92,6 +92,7 @@ class SharedState:
         self.production_motion = ProductionMotion(configuration.assess.residual)  # since the last replay
         self.stopping = threading.Event()
         self.replaying = threading.Lock()
+        self.replay_ended = threading.Event()  # since the main loop looked last
         self.revising = threading.Lock()
 
     @property

@@ -176,8 +176,18 @@ class TimedFormatter(logging.Formatter):
         super().__init__("%(asctime)s %(levelname)s %(name)s %(message)s", "%Y-%m-%dT%H:%M:%SZ")
 
 
-def log_as_a_service(site: str, robot: str) -> None:
-    """Set up the log: to the journal with its fields where standard error is connected to it, else to standard error."""
+def log_to_stderr() -> None:
+    """Set up the log of a process that ends soon: lines on standard error, to which the journal adds the time where it reads it."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(levelname)s %(name)s %(message)s") if stderr_is_journal() else TimedFormatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+
+
+def log_as_a_service(site: str, robot: str, *, verbose: bool = False) -> None:
+    """Set up the log: to the journal with its fields where standard error is connected to it, else to standard error.
+
+    verbose : what a replay consists of as well, and not its beginning and end alone; of this program, not of its libraries.
+    """
     handler: logging.Handler | None = None
     if stderr_is_journal():
         with suppress(OSError):
@@ -186,6 +196,8 @@ def log_as_a_service(site: str, robot: str) -> None:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(TimedFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])
+    if verbose:
+        logging.getLogger("monitor").setLevel(logging.DEBUG)
 
 
 log = logging.getLogger(__name__)

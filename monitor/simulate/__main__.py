@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     for option, (field, kind) in OPTIONS.items():
         parser.add_argument(f"--{option}", dest=field, type=kind)
     parser.add_argument("--local-control", dest="remote_control", action="store_false", help="say no to `is in remote control`")
-    logging.basicConfig(level=logging.WARNING, format="%(name)s %(message)s", stream=sys.stderr)
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(name)s %(message)s", datefmt="%Y-%m-%dT%H:%M:%S%z", stream=sys.stderr)
     try:
         settings = settings_of_options(**vars(parser.parse_args(arguments)))
         from monitor.simulate.server import serve  # pinocchio is slow to import: only when the arguments are right

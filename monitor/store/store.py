@@ -32,6 +32,12 @@ RESTORED = "restored_unreported"  # name of the note with the outcome of a resto
 STOPS_LOST = Sentence(HISTORY_RESTORED, "{restored}; a stop that waited for a person, or a motion under way, may be lost with it")
 
 
+def expect_history(directory: Path) -> None:
+    """Raises StoreError where there is no history yet."""
+    if not present(directory):
+        raise StoreError(f"{directory / HISTORY}: no history yet; it is made by the first `joint-monitor run` with this configuration")
+
+
 class Store:
     """One robot's history below one directory, put together from its parts over one connection.
 
@@ -113,9 +119,8 @@ class Store:
         archive : where recordings that are no longer here are fetched from; None: as the history has noted it.
         Raises StoreError where there is no history yet, or the file is newer, older or another program's.
         """
+        expect_history(directory)
         path = directory / HISTORY
-        if not present(directory):
-            raise StoreError(f"{path}: no history yet; it is made by the first `joint-monitor run` with this configuration")
         connection = connected(path, "ro", isolation_level=None)
         try:
             version_of(connection, directory)

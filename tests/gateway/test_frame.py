@@ -1,6 +1,9 @@
 """The gateway's frame: transitions once and in order, deliveries that outlast a restart, channels that do not hold each other up."""
 
+import logging
+import sqlite3
 import threading
+from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
@@ -247,6 +250,28 @@ def test_a_database_that_is_away_is_waited_for(plant, monkeypatch):
         running.step()
         assert running.trouble is None
         assert len(running.outbox.owed("noting")) == 1
+
+
+def test_a_lock_that_somebody_holds_on_the_database_is_one_line_and_its_end_another(plant, monkeypatch, caplog):
+    """What is locked can still be read: that alone is no end."""
+    caplog.set_level(logging.INFO)
+    monkeypatch.setattr("monitor.gateway.run.HEARTBEAT_S", 0.0)
+    monkeypatch.setattr("monitor.plant.database.WAIT_FOR_LOCK_S", 0.05)
+    running, _ = gateway(plant)
+    with running:
+        running.step()
+        with closing(sqlite3.connect(running.database.file, isolation_level=None)) as other:
+            other.execute("BEGIN IMMEDIATE")
+            for _ in range(3):
+                running.step()
+                running._next_try = 0.0
+            assert running.trouble is not None
+            other.execute("ROLLBACK")
+        running.step()
+        running.step()
+        assert running.trouble is None
+    said = [record.message for record in caplog.records if record.name == "monitor.gateway.run"]
+    assert [line.partition(": ")[0] for line in said] == ["trouble=database", "the database answers again"]
 
 
 def test_states_that_are_shown_age_while_the_database_is_away(plant):

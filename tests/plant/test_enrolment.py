@@ -6,17 +6,19 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 import trustme
+import zenoh
 from cryptography import x509
 from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.config.load import load
-from monitor.errors import BadInput
+from monitor.errors import BadInput, BusError
 from monitor.plant.enrol.authority import Authority, Issued, describe, new_root
-from monitor.plant.enrol.check import lacks_of_files
+from monitor.plant.enrol.check import ask_all, lacks_of_files, lacks_on_bus
 from monitor.plant.enrol.files import Plant, enrol
 from monitor.plant.enrol.inventory import read_inventory
 from monitor.plant.settings import load_plant
+from monitor.publish.session import session_config
 
 NOW = datetime(2026, 3, 2, 8, tzinfo=UTC)
 INVENTORY = """site,id,model,host,computer,payload_kg,payload_cog_m,serial,tool
@@ -219,13 +221,27 @@ def test_a_row_that_makes_no_configuration_is_refused_before_anything_is_written
         ({"routers": {"hall-1": "tls/a:1"}}, "no router for the site hall-2"),
         ({"routers": {**ROUTERS, "hall-3": "tls/a:1"}}, "the inventory holds no arm of this site"),
         ({"core": ""}, "2 sites meet in a core router"),
-        ({"core": "tcp/core:7447"}, "expected a router's endpoint tls/HOST:PORT"),
+        ({"core": "udp/core:7447"}, "expected a router's endpoint tls/HOST:PORT"),
         ({"days": 0}, "expected 1 to 3650"),
     ],
 )
 def test_a_plant_that_cannot_connect_is_refused(more, says):
     with pytest.raises(BadInput, match=says):
         plant(**more)
+
+
+def test_behind_a_router_without_certificates_nothing_has_to_be_enrolled_and_everything_is_checked(tmp_path, free_port):
+    """The plant's own example joins tcp/: of such an arm the check asks its monitor, and its file where there is one."""
+    router = f"tcp/127.0.0.1:{free_port}"
+    open_plant = plant(routers=dict.fromkeys(ROUTERS, router), core="")
+    with pytest.raises(BadInput, match="behind tcp/ nothing has to be enrolled"):
+        enrol(open_plant, tmp_path, now=NOW)
+    assert not any(lacks_of_files(open_plant, tmp_path, NOW).values())
+    with pytest.raises(BusError, match=r"no router answers; is it up, and does it listen there\?"):
+        ask_all(open_plant, tmp_path, timeout_s=0.5)
+    with zenoh.open(session_config(mode="router", listen=(router,))):
+        found = lacks_on_bus(open_plant, ask_all(open_plant, tmp_path, timeout_s=0.5), NOW)
+    assert {lack.cause for lacks in found.values() for lack in lacks} == {"silent"}
 
 
 def test_half_an_authority_is_no_reason_for_a_new_one(tmp_path):

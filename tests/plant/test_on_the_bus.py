@@ -1,14 +1,16 @@
 """A plant on a real bus: its arms live, vanish and hang; plant, router and database are killed. What is copied is what the arms hold."""
 
+import logging
 import os
 import random
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 import pytest
 import zenoh
@@ -166,6 +168,29 @@ def test_another_plant_with_the_same_database_is_told(tmp_path, monkeypatch, cap
         step(again, again)
         assert again.another is None
     assert "trouble=another" not in caplog.text
+
+
+def test_a_lock_that_somebody_holds_on_the_database_is_one_line_and_its_end_another(tmp_path, monkeypatch, caplog):
+    """What is locked can still be read: that alone is no end, or each try would be a pair of lines."""
+    monkeypatch.setattr("monitor.plant.database.WAIT_FOR_LOCK_S", 0.05)
+    monkeypatch.setattr("monitor.plant.run.HEARTBEAT_S", 0.0)
+    path = tmp_path / "plant.sqlite"
+    settings = PlantSettings(connect=("tcp/127.0.0.1:9",), database=f"sqlite:///{path}")
+    with Plant(PlantConfiguration(path=None, plant=settings)) as plant, closing(sqlite3.connect(path, isolation_level=None)) as other:
+        plant.step()
+        caplog.clear()
+        caplog.set_level(logging.INFO)
+        other.execute("BEGIN IMMEDIATE")
+        for _ in range(3):
+            plant.step()
+            plant._next_try = 0.0
+        assert "WAITING FOR THE DATABASE" in plant.status()
+        other.execute("ROLLBACK")
+        plant.step()
+        plant.step()
+        assert "WAITING" not in plant.status()
+    said = [record.message for record in caplog.records if record.name == "monitor.plant.run"]
+    assert [line.partition(": ")[0] for line in said] == ["trouble=database", "the database answers again"]
 
 
 def test_a_plant_whose_screen_cannot_listen_leaves_nothing_open(tmp_path):

@@ -167,9 +167,12 @@ def stop(process: "subprocess.Popen[str]") -> str:
 
 
 def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
-    """The whole flow once: recording, assessment, bus and torque query. A restart continues from the stored state."""
+    """The whole flow once: recording, assessment, bus and torque query. A restart continues from the stored state.
+
+    With --verbose every condition is in the log, and nothing that libraries say at that level.
+    """
     cell, _ = cell
-    daemon = cell.daemon("--now")
+    daemon = cell.daemon("--now", "--verbose")
     with cell.client() as client:
         assert eventually(lambda: len(client.get("joint/*/friction")) == 6, 40.0), daemon.kill() or daemon.communicate()[1]
         health = client.get("health")[0].document
@@ -189,6 +192,8 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         assert children(daemon.pid) == []
     output = stop(daemon)
     assert "verdict=assessed" in output
+    assert " DEBUG monitor.acquire.safety.gate condition=payload ok: " in output
+    assert {line.split()[2].partition(".")[0] for line in output.splitlines() if " DEBUG " in line} == {"monitor"}
 
     result = ended("status", "--config", str(cell.config), "--json")
     assert result.returncode == 0, result.stderr
@@ -268,6 +273,22 @@ def test_a_reload_that_forbids_motion_stops_a_moving_arm(cell):
         assert [motion.ending for motion in store.motions.rows()] == ["motion_forbidden"]
     stop(daemon)
     assert stood_s < 1.5  # 1 s is promised; this machine has other work
+
+
+def test_a_stop_is_told_within_seconds_and_a_replay_is_two_lines_of_the_log(cell):
+    """Plant and gateway hear of a stop by its alert. What the replay met on its way stands in the log of whoever asks for it."""
+    cell, remote = cell
+    daemon = cell.daemon("--now")
+    with cell.client() as client:
+        assert eventually(lambda: moving(remote), 40.0), daemon.kill() or daemon.communicate()[1]
+        remote.fault("protective_stop")
+        assert eventually(lambda: cell.ledger()[-1].state == "aborted", 10.0)
+        assert eventually(lambda: any("stopped" in each.key for each in client.get("alert/arm/*")), 3.0)
+    lines = [line.split(" ", 2)[2] for line in stop(daemon).splitlines() if "replay=1 " in line.partition("monitor.service.replay")[2]]
+    assert [line.partition(": ")[0] for line in lines] == [
+        "monitor.service.replay replay=1 begins",
+        f'monitor.service.replay replay=1 verdict=aborted reason="{cell.host}',
+    ]
 
 
 def test_motion_that_is_not_allowed_is_skipped_with_the_reason(cell):

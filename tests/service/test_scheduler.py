@@ -1,9 +1,12 @@
 """The scheduler's thread with failing clocks, disks and processes: no window twice or late, and it continues by itself."""
 
+import logging
 import os
+import sqlite3
 import subprocess
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -195,6 +198,32 @@ def test_while_the_store_fails_nothing_moves_and_it_is_tried_again(arm: Arm):
     assert arm.mended >= 1
     assert "store" not in arm.problems
     assert arm.replayed == [START + 3 * 3600.0]
+
+
+def test_a_lock_that_somebody_holds_on_the_history_is_one_line_and_its_end_another(arm: Arm, caplog):
+    """What is locked can still be read: that alone is no end, or each write of 5 s would be a pair of lines."""
+    caplog.set_level(logging.INFO)
+    arm.store.database.connection.execute("PRAGMA busy_timeout = 20")
+    with closing(sqlite3.connect(arm.store.directory / "history.sqlite", isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        for _ in range(4):
+            arm.problems.report("store", "locked")  # by a thread that had to write
+            with pytest.raises(StoreError, match="locked"):
+                arm.scheduler.tick()
+        other.execute("ROLLBACK")
+    arm.scheduler.tick()
+    assert [record.message for record in caplog.records if "trouble" in record.message] == [
+        "trouble=store: locked",
+        "trouble=store is over, after 0 s",
+    ]
+
+
+def test_while_a_replay_lasts_the_next_one_is_that_after_it(arm: Arm):
+    """Who looks at the page meanwhile reads neither the time that has come nor `none`."""
+    arm.clock[0] = START + 3 * 3600.0
+    arm.scheduler.tick()
+    assert arm.replayed == [START + 3 * 3600.0]
+    assert arm.due_meanwhile == START + 3 * 3600.0 + DAY
 
 
 def test_after_a_restored_backup_no_earlier_window_is_used_again(tmp_path: Path):

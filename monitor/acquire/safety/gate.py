@@ -94,8 +94,7 @@ class Gate:
 
     def _log_or_refuse(self, results: tuple[ConditionResult, ...]) -> None:
         for result in results:
-            level = logging.INFO if result.holds else logging.WARNING
-            log.log(level, "condition=%s %s: %s", result.name, result.status, result.text)
+            log.debug("condition=%s %s: %s", result.name, result.status, result.text)  # the outcome names the one that does not hold
         refuse_unless(results)
 
     def _about(self, in_s: float) -> dict[str, Any]:

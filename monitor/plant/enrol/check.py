@@ -17,12 +17,13 @@ from monitor import __version__
 from monitor.errors import BadConfiguration, BadInput, BusError
 from monitor.plant.enrol.access import Tls, client_document
 from monitor.plant.enrol.authority import Issued, belongs, describe
-from monitor.plant.enrol.files import RENEW_DAYS, ROOT_FILES, Plant, computer_of, loaded
+from monitor.plant.enrol.files import RENEW_DAYS, ROOT_FILES, Plant, computer_of, encrypted, loaded
 from monitor.plant.enrol.inventory import Arm
 from monitor.publish.documents import Info, Monitor
 from monitor.publish.registry import kind_of
 from monitor.publish.session import ROOT, session_config
 
+NOT_ENROLLED = "not_enrolled"
 QUIET = timedelta(seconds=60)  # a monitor says how it is every ten seconds
 
 
@@ -42,12 +43,20 @@ class Lack:
 
 
 def lacks_of_files(plant: Plant, folder: Path, now: datetime) -> dict[str, list[Lack]]:
-    """By name of an arm: what its files lack."""
+    """By name of an arm: what its files lack.
+
+    Behind a router without certificates (tcp/) none is looked for, and nobody need have enrolled.
+    """
+    if not any(encrypted(endpoint) for endpoint in plant.routers.values()):
+        return {arm.name: [lack for lack in _configuration(arm, folder) if lack.cause != NOT_ENROLLED] for arm in plant.arms}
     try:
         root = (folder / ROOT_FILES[0]).read_bytes()
     except OSError as error:
         raise BadInput(f"{folder / ROOT_FILES[0]}: {error.strerror}; joint-monitor plant enrol writes this folder") from None
-    return {arm.name: [*_configuration(arm, folder), *_certificate(arm, folder, root, now)] for arm in plant.arms}
+    return {
+        arm.name: [*_configuration(arm, folder), *(_certificate(arm, folder, root, now) if encrypted(plant.routers[arm.site]) else ())]
+        for arm in plant.arms
+    }
 
 
 def lacks_on_bus(plant: Plant, said: Mapping[str, Said], now: datetime) -> dict[str, list[Lack]]:
@@ -61,7 +70,7 @@ def _configuration(arm: Arm, folder: Path) -> list[Lack]:
     try:
         found = loaded(tomllib.loads(path.read_text("utf-8")), path)
     except FileNotFoundError:
-        return [Lack(cause="not_enrolled", text="has no configuration here: joint-monitor plant enrol")]
+        return [Lack(cause=NOT_ENROLLED, text="has no configuration here: joint-monitor plant enrol")]
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, BadConfiguration) as error:
         return [Lack(cause="configuration", text=str(error))]
     lacks = []
@@ -154,15 +163,16 @@ def ask_all(plant: Plant, folder: Path, *, timeout_s: float = ANSWERS_S) -> dict
 def _ask(endpoint: str, folder: Path, timeout_s: float) -> dict[str, Said]:
     tls = client_document(Tls(str(folder.resolve() / "people" / "plant" / "tls"), "plant"))
     with tempfile.NamedTemporaryFile("w", suffix=".json5") as file:
-        json.dump(tls, file)
+        json.dump(tls if encrypted(endpoint) else {}, file)
         file.flush()
         config = session_config(mode="client", connect=(endpoint,), zenoh_file=file.name)
     config.insert_json5("connect/timeout_ms", json.dumps(int(timeout_s * 1000)))
     try:
         session = zenoh.open(config)
     except zenoh.ZError:
+        shown = ", or not to the certificate people/plant/tls/plant.pem; is it up, with its newest router.json5?"
         raise BusError(
-            f"{endpoint}: no router answers, or not to the certificate people/plant/tls/plant.pem; is it up, with its newest router.json5?"
+            f"{endpoint}: no router answers{shown if encrypted(endpoint) else '; is it up, and does it listen there?'}"
         ) from None
     with session:
         infos, monitors = _documents(session, Info, timeout_s), _documents(session, Monitor, timeout_s)

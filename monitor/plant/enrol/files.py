@@ -54,7 +54,7 @@ class Plant:
             raise BadInput(f"no router for the site {missing[0]}; give --router {missing[0]}=tls/HOST:7447")
         if unknown := sorted(self.routers.keys() - sites):
             raise BadInput(f"--router {unknown[0]}=…: the inventory holds no arm of this site; it has {', '.join(sorted(sites))}")
-        if len(sites) > 1 and not self.core:
+        if len(sites) > 1 and not self.core and any(map(encrypted, self.routers.values())):
             raise BadInput(f"{len(sites)} sites meet in a core router; give --core tls/HOST:7447")
         for endpoint in (*self.routers.values(), *([self.core] if self.core else [])):
             host_of(endpoint)
@@ -85,12 +85,17 @@ class _Bearer(NamedTuple):
 
 
 def host_of(endpoint: str) -> str:
-    """The host of a router's endpoint. Raises BadInput for any other than tls/HOST:PORT."""
+    """The host of a router's endpoint. Raises BadInput for any other than tls/HOST:PORT and tcp/HOST:PORT."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = address.rpartition(":")
-    if protocol != "tls" or not host or not port.isdigit():
-        raise BadInput(f"{endpoint!r}: expected a router's endpoint tls/HOST:PORT, e.g. tls/hall-1.example:7447")
+    if protocol not in {"tls", "tcp"} or not host or not port.isdigit():
+        raise BadInput(f"{endpoint!r}: expected a router's endpoint tls/HOST:PORT, e.g. tls/hall-1.example:7447, or tcp/HOST:PORT")
     return host.strip("[]")
+
+
+def encrypted(endpoint: str) -> bool:
+    """Whether both ends of this way show certificates."""
+    return endpoint.startswith("tls/")
 
 
 def enrol(plant: Plant, folder: Path, *, root: Issued | None = None, force: bool = False, now: datetime | None = None) -> Written:
@@ -99,6 +104,11 @@ def enrol(plant: Plant, folder: Path, *, root: Issued | None = None, force: bool
     root : an authority of yours, whose key is then not copied; None for the folder's own, made where there is none.
     force : configurations that differ from the inventory are replaced. Raises BadInput, and has then written nothing.
     """
+    for endpoint in (*plant.routers.values(), *([plant.core] if plant.core else [])):
+        if not encrypted(endpoint):
+            raise BadInput(
+                f"{endpoint!r}: plant enrol writes certificates, which need tls/HOST:PORT; behind tcp/ nothing has to be enrolled"
+            )
     now = now or datetime.now(UTC)
     files: dict[str, bytes] = {}
     configurations = _configurations(plant)
