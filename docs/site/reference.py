@@ -53,7 +53,7 @@ COMMANDS_HEAD = """# Commands
 | 0 | it has done its work |
 | 1 | something outside prevented it: no answer from the robot or the daemon, no history yet, a full disk |
 | 2 | an argument or a file is wrong, or a motion was refused |
-| 3 | it has done its work, and found what should not be: a verdict that differs, a condition that does not hold, an arm that lacks something |
+| 3 | it has done its work, and found what should not be: a verdict that differs, a condition that does not hold |
 | 78 | a service only, `run`, `plant` or `gateway`: its configuration is wrong, and starting it again would change nothing |
 """
 
