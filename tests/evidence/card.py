@@ -62,7 +62,7 @@ HEAD = """# All figures
   seasons, daily weather, Monday mornings, loads or holidays.
 - Wear is proportional to revolutions: arms work on five days of seven, and the monitor counts the revolutions.
 - The first {learning} days of every arm are for learning and are left out. Bounds are one-sided, 95 %.
-- A surrogate stands for `identify`, except in the last rows of the last table: {surrogate}.
+- Replays are not played and identified: their friction is drawn, except in the last rows of the last table. Is that the same? {surrogate}.
 """
 
 
