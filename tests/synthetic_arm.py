@@ -13,12 +13,12 @@ from monitor.identify.identification import Identification
 from monitor.judge.assess import judge_identification
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief
-from monitor.judge.drift.observation import Observation, observe
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
+from monitor.judge.friction.decision import Crossing
+from monitor.judge.friction.observation import Observation, observe
+from monitor.judge.friction.step import FrictionState
 from monitor.judge.learn import begin
 from monitor.judge.settings import AssessSettings
-from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.model.base import base_parameters
 from monitor.model.robot import Mounting, load_robot
 from monitor.recording import Context
@@ -99,9 +99,9 @@ def identification(fc: np.ndarray, fv: np.ndarray, cov: np.ndarray, temperature_
     )
 
 
-def fresh(settings: DriftSettings | None = None, temperature_c: float = 30.0) -> Belief:
+def fresh(settings: AssessSettings | None = None, temperature_c: float = 30.0) -> Belief:
     """The belief of a UR5 before its first replay."""
-    return begin("ur5", CONTEXT, Arm().replay(temperature_c), START_S, settings=settings or DriftSettings(), laws=TemperatureSettings())
+    return begin("ur5", CONTEXT, Arm().replay(temperature_c), START_S, settings or AssessSettings())
 
 
 def lived_together(lives: Sequence[Sequence[Identification]]) -> list[DriftState]:
@@ -109,22 +109,32 @@ def lived_together(lives: Sequence[Sequence[Identification]]) -> list[DriftState
 
     lives : the replays of each arm, all of as many days.
     """
-    drift, laws = DriftSettings(), TemperatureSettings()
+    settings = AssessSettings()
     states: list[DriftState] = []
     for day, together in enumerate(zip(*lives, strict=True)):
-        seen = Observation(*map(np.concatenate, zip(*(observe(replay, drift) for replay in together), strict=True)))
-        state = states[-1] if states else initial_state(seen, 6, drift, laws)
-        states.append(step(state, Replay(observation=seen, days=np.full(len(lives), float(day > 0))), drift, laws).state)
+        seen = Observation(*map(np.concatenate, zip(*(observe(replay, settings.drift) for replay in together), strict=True)))
+        state = states[-1] if states else initial_state(seen, 6, settings)
+        states.append(step(state, Replay(observation=seen, days=np.full(len(lives), float(day > 0))), settings).state)
     return states
 
 
-def of_arm(value, k, joints=6):
+def of_arm(state: FrictionState, k: int) -> FrictionState:
     """The part of one arm in a state of many."""
-    if isinstance(value, np.ndarray):
-        return value[joints * k : joints * (k + 1)]
-    if is_dataclass(value):
-        return replace(value, **{field.name: of_arm(getattr(value, field.name), k, joints) for field in fields(value)})
-    return value
+    J, N = state.joints_per_arm, len(state.replays)
+    n = np.arange(k * (J + 1), (k + 1) * (J + 1))
+    channels_first = {"known", "usual_c", "course"}
+
+    def part(value, name=""):
+        if isinstance(value, Crossing):
+            return Crossing(value.rises[n], value.falls[n], value.common[:, [k]])
+        if is_dataclass(value):
+            return replace(value, **{f.name: part(getattr(value, f.name), f.name) for f in fields(value)})
+        if not isinstance(value, np.ndarray) or name == "born":
+            return value
+        assert value.shape[0 if name in channels_first else -1] == N, name
+        return value[n] if name in channels_first else value[..., n]
+
+    return part(state)
 
 
 class History:

@@ -257,7 +257,7 @@ def prior(
 
     from monitor import __version__
     from monitor.config.files import write_whole
-    from monitor.judge.drift.settings import DriftSettings
+    from monitor.judge.friction.settings import DriftSettings
     from monitor.judge.temperature.laws import TemperatureSettings
     from monitor.publish.timestamps import rfc3339
     from monitor.studies.fleet_prior import arms_of, learn_prior

@@ -12,7 +12,7 @@ from typing import Any
 
 from monitor.design.cell import Cell, cell_from_document, plain_cell
 from monitor.errors import BadInput
-from monitor.judge.drift.prior import FleetPrior, prior_from_document
+from monitor.judge.friction.prior import FleetPrior, prior_from_document
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 

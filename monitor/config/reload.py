@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from monitor.config.schema import Configuration, assess_sections
 from monitor.design.cell import Cell
-from monitor.judge.drift.prior import FleetPrior
+from monitor.judge.friction.prior import FleetPrior
 
 # sockets, files and identity are opened once
 NEEDS_RESTART = (

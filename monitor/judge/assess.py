@@ -112,11 +112,11 @@ def judge_identification(
     if (other := not_of_the_arm(identification)) is not None:
         return Rejected(NOT_TRUSTED(why=other))
     if belief is None:
-        belief = begin(identification.robot, context, identification, at, settings=settings.drift, laws=settings.temperature)
+        belief = begin(identification.robot, context, identification, at, settings)
     _belong_together(identification, belief, health, settings)
-    learnt = learn(belief, identification, context, at, settings=settings.drift, laws=settings.temperature, health=settings.health)
+    learnt = learn(belief, identification, context, at, settings)
     belief = learnt.belief
-    judged = judge(health, belief, settings.health, learnt.undeclared, drift=settings.drift, maintenance=learnt.maintenance)
+    judged = judge(health, belief, settings, learnt.undeclared, maintenance=learnt.maintenance)
     return Assessment(
         robot=identification.robot,
         recorded_at_unix_s=at,
@@ -127,9 +127,7 @@ def judge_identification(
         transitions=judged.transitions,
         maintenance=learnt.maintenance,
         warnings=(*identification.warnings, *learnt.warnings),
-        drift=settings.drift,
-        laws=settings.temperature,
-        prognosis=settings.prognosis,
+        settings=settings,
     )
 
 
@@ -142,7 +140,7 @@ def model_after(
     """
     identification = identified(recording, robot, mounting, gains, settings)
     coulomb, viscous = belief.lines(settings.temperature)
-    return build_model(identification, belief, coulomb=coulomb, viscous=viscous)
+    return build_model(identification, belief, settings.friction, coulomb=coulomb, viscous=viscous)
 
 
 def _same_context(belief: Belief, context: Context) -> bool:

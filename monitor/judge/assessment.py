@@ -13,13 +13,12 @@ from monitor.judge.alerts.remaining_life import RemainingLife, remaining_life_of
 from monitor.judge.belief import Belief
 from monitor.judge.document import plain
 from monitor.judge.drift.maintenance import Maintenance
-from monitor.judge.drift.observation import observe
 from monitor.judge.drift.ripple_track import JointRipple, joint_ripple
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.single_replay import single_torque_nm
-from monitor.judge.settings import PrognosisSettings
+from monitor.judge.friction.observation import observe
+from monitor.judge.settings import AssessSettings
 from monitor.judge.temperature.curves import LAWS
-from monitor.judge.temperature.laws import Line, TemperatureSettings
+from monitor.judge.temperature.laws import Line
 from monitor.judge.torque.model import CompensatedModel, build_model
 from monitor.reason import Reason
 from monitor.recording import known_or_none
@@ -99,20 +98,18 @@ class Assessment:
     transitions: tuple[Transition, ...]
     warnings: tuple[Reason, ...]
     maintenance: tuple[Maintenance, ...]  # on joints: those that this replay's context declares first, and those that this replay judges
-    drift: DriftSettings
-    laws: TemperatureSettings
-    prognosis: PrognosisSettings
+    settings: AssessSettings
 
     @cached_property
     def lines(self) -> tuple[Line, Line]:
         """fc(T) and fv(T) of the belief."""
-        return self.belief.lines(self.laws)
+        return self.belief.lines(self.settings.temperature)
 
     @cached_property
     def friction(self) -> tuple[JointFriction, ...]:
         """The published friction of every joint."""
         coulomb, viscous = self.lines
-        return joint_friction(self.identification, self.belief, self.drift, self.prognosis, coulomb=coulomb, viscous=viscous)
+        return joint_friction(self.identification, self.belief, self.settings, coulomb=coulomb, viscous=viscous)
 
     @cached_property
     def temperature(self) -> tuple[JointTemperature, ...]:
@@ -124,7 +121,7 @@ class Assessment:
     def model(self) -> CompensatedModel:
         """The temperature-compensated torque model."""
         coulomb, viscous = self.lines
-        return build_model(self.identification, self.belief, coulomb=coulomb, viscous=viscous)
+        return build_model(self.identification, self.belief, self.settings.friction, coulomb=coulomb, viscous=viscous)
 
     def as_document(self) -> dict[str, Any]:
         """The verdict of this replay as plain JSON; belief and model have documents of their own."""
@@ -144,26 +141,27 @@ class Assessment:
 
 
 def joint_friction(
-    identification: Identification, belief: Belief, drift: DriftSettings, prognosis: PrognosisSettings, *, coulomb: Line, viscous: Line
+    identification: Identification, belief: Belief, settings: AssessSettings, *, coulomb: Line, viscous: Line
 ) -> tuple[JointFriction, ...]:
     """The published friction of every joint, from the belief after the replay and its `lines`."""
-    torque, torque_std = belief.reference_torque_nm(drift)
-    replay = observe(identification, drift)._replace(log_torque=belief.last_log_torque)  # NaN where nothing was learned
-    alone, alone_std = single_torque_nm(belief.drift_state, replay, drift)
+    model = settings.friction
+    torque, torque_std = belief.reference_torque_nm(model)
+    replay = observe(identification, settings.drift)._replace(log_torque=belief.last_log_torque)  # NaN where nothing was learned
+    alone, alone_std = single_torque_nm(belief.drift_state, replay, model)
     # the next replay would scatter around this one: the larger of the fit's and the scatter's standard deviation
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.wear_and_rate()
-    state = belief.drift_state
-    wear, wear_std = belief.wear_with_undetected(drift)
-    unseen = belief.unseen_step(drift)
+    wear_prior = None if settings.drift.prior is None else settings.drift.prior.wear
+    wear, wear_std = belief.change_with_unfound(model)
+    unseen = belief.unseen_step(model)
     ripples = joint_ripple(belief.ripple)
     joints = []
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
         factor = math.exp(wear[j])
-        life = remaining_life_of_joint(state, j, drift, prognosis)
-        # the filter's rate is that of a straight line; an accelerating joint is faster by now
+        life = remaining_life_of_joint(belief.friction, j, model, settings.prognosis, wear_prior)
+        # the model's rate is that of a straight line; an accelerating joint is faster by now
         rate, rate_std = float(mean[1]), math.sqrt(max(cov[1, 1], 0.0))
         if life.rate_per_day is not None and life.rate_std_per_day is not None:
             rate, rate_std = life.rate_per_day, life.rate_std_per_day

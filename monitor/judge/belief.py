@@ -1,32 +1,46 @@
 """Belief: everything that `assess` remembers of one arm, as a value with an exact JSON document."""
 
-from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.document import array, entry, plain, typed
+from monitor.judge.document import entry, plain, typed
 from monitor.judge.drift.contexts import OpenedContext
-from monitor.judge.drift.filter_state import RATE, WEAR, WINDOW, FilterState
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.drift.ripple_track import RippleTrack
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.step import DriftState
+from monitor.judge.drift.step import UNRESOLVED, DriftState
 from monitor.judge.drift.undeclared import (
     MassEstimate,
     UndeclaredLevel,
     Weights,
 )
-from monitor.judge.drift.undetected_change import UnseenStep, undetected_change, unseen_step
 from monitor.judge.drift.usage import Usage
+from monitor.judge.friction.figures import (
+    UnseenStep,
+    WearAndRate,
+    change_found,
+    change_with_unfound,
+    found_wear,
+    noise_var,
+    slope_per_k,
+    unseen_step,
+    wear_and_rate,
+)
+from monitor.judge.friction.found import Found
+from monitor.judge.friction.states import CUBE, CURVE, LEVEL, SLOPE, viscous_distance
+from monitor.judge.friction.step import FrictionModel, FrictionState
+from monitor.judge.friction.stored import state_of
 from monitor.judge.prediction_error import PredictionErrorStatistics
 from monitor.judge.production_observation import ProductionHistory
 from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_law
 from monitor.judge.temperature.stuck import SensorHistory
 from monitor.recording import Array, Context
 
-BELIEF_SCHEMA = 5
+BELIEF_SCHEMA = 6
+STEPPED = tuple(f.name for f in fields(DriftState) if f.name != "joints_per_arm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,8 +54,10 @@ class Belief:
     replays: int
     days: int  # UTC days with a replay
     contexts: tuple[OpenedContext, ...]  # in the order in which they were last entered: the last one is in force
-    reference_temperature_c: Annotated[Array, "J"]  # T0 [°C]
-    filter_state: FilterState
+    friction: FrictionState
+    beside: Mapping[str, FrictionState]  # series beside friction at the reference speed, by name
+    event: Annotated[Array, "J"]  # ORDINARY, STEP, OUTLIER or UNRESOLVED: the last observation
+    since_replay_days: Annotated[Array, "J"]  # since the last replay, at the last observation
     temperature_c: Annotated[Array, "J"]  # of the last replay
     inside_range: Annotated[Array, "J"]  # 1 where that lay in the range that was learned before it, else 0
     first_log_torque: Annotated[Array, "J"]  # mean of y over the first replays, uncorrected: the reference of an alert's attribution
@@ -67,7 +83,12 @@ class Belief:
     @property
     def joints(self) -> int:
         """J, the number of joints."""
-        return self.filter_state.joints
+        return self.friction.joints_per_arm
+
+    @property
+    def reference_temperature_c(self) -> Array:
+        """(J,) T0 [°C]."""
+        return self.friction.of_joints(self.friction.reference_c)
 
     @property
     def context(self) -> Context:
@@ -84,40 +105,18 @@ class Belief:
         return replace(self, mass_estimate=weights.declared, undeclared_level=weights.level, undeclared_candidate=weights.candidate)
 
     @property
-    def slot(self) -> Array:
-        """(J,) slot of the filter in which the level of the context in force is kept."""
+    def slot(self) -> np.ndarray:
+        """(J,) in which the level of the context in force is kept."""
         return np.full(self.joints, self.contexts[-1].slot or 0)
 
     @property
     def drift_state(self) -> DriftState:
-        """The part that the filter step carries from one replay to the next."""
-        return DriftState(
-            joints_per_arm=self.joints,
-            filter_state=self.filter_state,
-            usage=self.usage,
-            slot=self.slot,
-            sensors=self.sensors,
-            reference_temperature_c=self.reference_temperature_c,
-            settled=np.full(self.joints, float(self.replays)),
-            viscous=self.viscous,
-            coulomb=self.coulomb,
-            first_log_torque=self.first_log_torque,
-            first_temperature_c=self.first_temperature_c,
-        )
+        """The part that the step carries from one replay to the next."""
+        return DriftState(joints_per_arm=self.joints, **{name: getattr(self, name) for name in STEPPED})
 
     def with_drift_state(self, state: DriftState) -> "Belief":
-        """The belief with what a filter step, or new joints, made of `drift_state`; replays are counted by whoever made one."""
-        return replace(
-            self,
-            filter_state=state.filter_state,
-            usage=state.usage,
-            sensors=state.sensors,
-            reference_temperature_c=state.reference_temperature_c,
-            viscous=state.viscous,
-            coulomb=state.coulomb,
-            first_log_torque=state.first_log_torque,
-            first_temperature_c=state.first_temperature_c,
-        )
+        """The belief with what a step, or new joints, made of `drift_state`; replays are counted by whoever made one."""
+        return replace(self, **{name: getattr(state, name) for name in STEPPED})
 
     @property
     def awaiting_proof(self) -> np.ndarray:
@@ -132,71 +131,96 @@ class Belief:
 
     @property
     def wear(self) -> Array:
-        """(J,) mean of wear w [log], above the lowest friction held."""
-        return self.filter_state.wear
+        """(J,) mean of the wear that was found [log], above the level that it counts from."""
+        return found_wear(self.friction)[0]
 
     @property
     def wear_std(self) -> Array:
-        """(J,) standard deviation of w [log]."""
-        return self.filter_state.wear_std
+        """(J,) its standard deviation [log]."""
+        return found_wear(self.friction)[1]
 
     @property
-    def event(self) -> Array:
-        """(J,) ORDINARY, SETTLING, STEP, OUTLIER or UNRESOLVED: the last replay."""
-        return self.filter_state.event
+    def change(self) -> Array:
+        """(J,) log of friction over that at the beginning, as found."""
+        return change_found(self.friction)
 
     @property
     def learnt_from(self) -> np.ndarray:
-        """(J,) whether the filter learned from the last replay of the joint."""
-        return self.filter_state.learnt_from
+        """(J,) whether the last observation showed the joint."""
+        learnt: np.ndarray = self.event != UNRESOLVED
+        return learnt
+
+    @property
+    def learnt_replays(self) -> Array:
+        """(J,) number of replays that have shown the joint that is there now."""
+        return self.friction.of_joints(self.friction.replays)
+
+    @property
+    def unconfirmed(self) -> np.ndarray:
+        """(J,) whether production alone has found a rise."""
+        return self.friction.of_joints(self.friction.unconfirmed)
+
+    @property
+    def consistency(self) -> Array:
+        """(J,) mean square of the last replays' innovations over what the model believes."""
+        return self.friction.of_joints(self.friction.consistency)
 
     @property
     def slope(self) -> Array:
         """(J,) −∂y/∂T at T0: how the logarithm of friction falls with temperature [1/K]."""
-        return self.filter_state.slope_at(self.reference_temperature_c)
+        return slope_per_k(self.friction, self.reference_temperature_c)
 
     def level(self) -> Array:
-        """(J,) log friction torque at T0 in the context in force, without wear: the lowest that was surely held."""
-        return self.filter_state.steady_mean(self.reference_temperature_c, self.slot) - self.wear
+        """(J,) log friction torque at T0 in the context in force, without wear: the level that wear counts from."""
+        state, T0 = self.friction, self.reference_temperature_c
+        levels = state.of_joints((state.p * state.x[:, LEVEL + state.slot, np.arange(len(state.slot))]).sum(axis=0))
+        t = viscous_distance(T0, state.of_joints(state.origin_c))
+        b, c, d = (state.of_joints((state.p * state.x[:, k]).sum(axis=0)) for k in (SLOPE, CURVE, CUBE))
+        level: Array = levels + b * t + c * t**2 + d * t**3
+        return level
 
-    def wear_and_rate(self) -> tuple[Array, Array]:
-        """Mean (J, 2) and covariance (J, 2, 2) of wear w = log(F/F0) and of the wear rate, a fraction of F0 per usual day.
+    def wear_and_rate(self) -> WearAndRate:
+        """Wear w = log(F/F0) and the wear rate, a fraction of F0 per usual day, as found.
 
-        F0 is the lowest friction that was surely held: the level that alerts count rises from.
+        F0 is the level that wear counts from.
         """
-        pair = [WEAR, RATE]
-        return self.filter_state.mean[:, pair], self.filter_state.cov[:, pair][:, :, pair]
+        return wear_and_rate(self.friction)
 
-    def wear_with_undetected(self, settings: DriftSettings) -> tuple[Array, Array]:
-        """Mean and standard deviation of friction over that at the beginning [log], (J,) each, with undetected changes.
+    def change_with_unfound(self, model: FrictionModel) -> tuple[Array, Array]:
+        """Mean and standard deviation of friction over that at the beginning [log], (J,) each, with changes that were not found.
 
         It is for a person to read, and not for alerts.
         """
-        H = np.zeros((self.joints, self.filter_state.mean.shape[1]))
-        H[:, WEAR] = 1.0
-        more, more_var = undetected_change(self.filter_state, H, settings)
-        moved = self.filter_state.counted_from
-        return self.filter_state.change + more, np.sqrt(self.wear_std**2 + moved.moved_var + more_var)
+        return change_with_unfound(self.friction, model)
 
-    def unseen_step(self, settings: DriftSettings) -> UnseenStep:
+    def found(self, joint: int) -> "JointFound":
+        """How the last change of a joint (from 0) was found."""
+        return JointFound(**{f.name: float(getattr(self.friction.found, f.name)[joint]) for f in fields(Found)})
+
+    def odds_of_rise(self, model: FrictionModel) -> "OddsOfRise":
+        """How far a rise of each joint is from being found."""
+        state, J = self.friction, self.joints
+        counted = ~state.risen.reshape(-1, J + 1)[:, :J]
+        needed = model.decision.needed(state.peaks, counted, J, state.age_days)[0]
+        odds, needed = state.of_joints(state.odds[0]), state.of_joints(needed)
+        return OddsOfRise(odds, needed, float(model.decision.limits(J)[0]), self.learnt_replays)
+
+    def unseen_step(self, model: FrictionModel) -> UnseenStep:
         """The largest step of the last days that may be unseen [log], (J,) each."""
-        return unseen_step(self.filter_state, self.joints, settings)
+        return unseen_step(self.friction, model)
 
-    def noise_std(self, settings: DriftSettings) -> Array:
+    def noise_std(self, model: FrictionModel) -> Array:
         """(J,) standard deviation of y between replays [log]."""
-        return np.sqrt(self.filter_state.noise_var(self.joints, settings))
+        return np.sqrt(noise_var(self.friction, model))
 
-    def reference_torque_nm(self, settings: DriftSettings) -> tuple[Array, Array]:
+    def reference_torque_nm(self, model: FrictionModel) -> tuple[Array, Array]:
         """(J,) friction torque [N·m] at the reference speed v* and temperature T0, and its standard deviation.
 
-        Wear and undetected changes are included. NaN where no replay has resolved the joint's friction.
+        Wear and changes that were not found are included. NaN where no replay has resolved the joint's friction.
         """
-        filter_state = self.filter_state
-        mean, std = filter_state.reference(self.reference_temperature_c, self.slot)
-        more, more_var = undetected_change(filter_state, filter_state.reference_row(self.reference_temperature_c, self.slot), settings)
-        mean, std = mean + more, np.sqrt(std**2 + more_var)
-        torque = np.where(self.filter_state.replays > 0, np.exp(mean), np.nan)
-        return torque, torque * std
+        mean, var = (self.friction.of_joints(each) for each in self.friction.friction(self.friction.reference_c, model).moments())
+        torque = np.where(self.learnt_replays > 0, np.exp(mean), np.nan)
+        return torque, torque * np.sqrt(var)
 
     def lines(self, settings: TemperatureSettings) -> tuple[Line, Line]:
         """fc(T) and fv(T) without wear, referred to T0."""
@@ -207,6 +231,34 @@ class Belief:
         """The belief as plain JSON; `belief_from_document` is the exact inverse."""
         document: dict[str, Any] = plain(self)
         return document
+
+
+def learnt_replays_of(document: Any) -> Array | None:
+    """(J,) replays that have shown each joint, without reading the rest of a belief; None for one of another release."""
+    if not isinstance(document, dict) or document.get("schema_version") != BELIEF_SCHEMA:
+        return None
+    state = state_of(document.get("friction"), "belief: friction")
+    return state.of_joints(state.replays)
+
+
+class JointFound(NamedTuple):
+    """How the last change of one joint was found, as `Found`."""
+
+    odds: float
+    needed: float
+    ago_days: float
+    began_days: float
+    began_std: float
+    at_once: float
+
+
+class OddsOfRise(NamedTuple):
+    """How far rises are from being found."""
+
+    odds: Array  # (J,) R [days]
+    needed: Array  # (J,) from which a rise is found
+    limit: float  # A, the least of these
+    replays: Array  # (J,) that have shown each joint
 
 
 def belief_from_document(document: Any) -> Belief:
@@ -220,5 +272,6 @@ def belief_from_document(document: Any) -> Belief:
             f"belief: schema_version is {version!r}; this release reads {BELIEF_SCHEMA}. What was learnt in it cannot be carried "
             "over: move the state directory away, and let `joint-monitor assess` judge its recordings again"
         )
-    J = len(array(entry(document, "reference_temperature_c", where="belief"), "J", "belief: reference_temperature_c", {}))
-    return typed(Belief, document, where="belief", sizes={"J": J, "N": J, "W": WINDOW})
+    friction = entry(document, "friction", where="belief")
+    J = state_of(friction, "belief: friction").joints_per_arm
+    return typed(Belief, document, where="belief", sizes={"J": J, "N": J})

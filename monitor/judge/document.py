@@ -6,7 +6,7 @@ The type of a value says how it is read back: `typed` is the inverse of `plain` 
 
 import math
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -19,6 +19,8 @@ from monitor.recording import Array
 
 T = TypeVar("T")
 Sizes = dict[str, int]  # the lengths of named dimensions
+# types whose values are one text in a document: what makes it, and what reads it and says where it stands
+TEXTS: dict[type, tuple[Callable[[Any], str], Callable[[Any, str], Any]]] = {}
 
 
 def plain(value: Any) -> Any:
@@ -32,6 +34,8 @@ def plain(value: Any) -> Any:
         return None if math.isnan(value) else value
     if isinstance(value, Reason):
         return value.document()
+    if type(value) in TEXTS:
+        return TEXTS[type(value)][0](value)
     if is_dataclass(value) and not isinstance(value, type):
         return _object({f.name: getattr(value, f.name) for f in fields(value)})
     if isinstance(value, tuple) and hasattr(value, "_asdict"):
@@ -113,6 +117,8 @@ def _value(hint: Any, given: Any, where: str, sizes: Sizes, complete: bool) -> A
         return {str(key): _value(arguments[1], each, f"{where}: {key}", sizes, complete) for key, each in given.items()}
     if hint is Reason:
         return reason_from(given) if isinstance(given, Mapping) else reason_of(given)  # a release before 1.0 kept the text
+    if isinstance(hint, type) and hint in TEXTS:
+        return TEXTS[hint][1](given, where)
     if is_dataclass(hint) or hasattr(hint, "_fields"):
         return typed(hint, given, where=where, sizes=sizes, complete=complete)
     if hint is float:

@@ -19,12 +19,9 @@ from monitor.judge.drift.contexts import (
     with_declarations_of,
     with_lasting_declarations,
 )
-from monitor.judge.drift.filter_state import OUTLIER, STEP, UNRESOLVED
 from monitor.judge.drift.maintenance import MAINTENANCE, REPLACED, SERIALS, Maintenance, count_replay, judged
-from monitor.judge.drift.observation import Observation, observe
 from monitor.judge.drift.ripple_track import update_ripple
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.step import Replay, StepResult, initial_state, step
+from monitor.judge.drift.step import OUTLIER, STEP, UNRESOLVED, Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared import (
     NO_UNDECLARED_CHANGE,
     RigidFit,
@@ -35,9 +32,9 @@ from monitor.judge.drift.undeclared import (
     rigid_fit,
     weigh,
 )
+from monitor.judge.friction.observation import Observation, observe
 from monitor.judge.maintenance import begin_maintenance, with_outcomes
-from monitor.judge.settings import HealthSettings
-from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.settings import AssessSettings, HealthSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, FOREIGN_MOTION, Context
 
@@ -72,26 +69,26 @@ class ContextChange(NamedTuple):
         return replaced
 
 
-def begin(
-    robot: str, context: Context, identification: Identification, at_unix_s: float, *, settings: DriftSettings, laws: TemperatureSettings
-) -> Belief:
+def begin(robot: str, context: Context, identification: Identification, at_unix_s: float, settings: AssessSettings) -> Belief:
     """The belief before the first replay: no wear, unknown levels, the temperature slopes of the robot family.
 
     Only T0 and the size of the slopes are taken from the identification; `learn` then learns from it as from any other.
     """
     J = len(identification.coulomb_nm)
-    state = initial_state(observe(identification, settings), J, settings, laws)
+    state = initial_state(observe(identification, settings.drift), J, settings)
     unknown = np.full(J, np.nan)
     return Belief(
         robot=robot,
-        reference_speed_rad_s=settings.reference_speed_rad_s,
+        reference_speed_rad_s=settings.drift.reference_speed_rad_s,
         at_unix_s=at_unix_s,
         began_at_unix_s=at_unix_s,
         replays=0,
         days=0,
         contexts=(OpenedContext(comparable(context), at_unix_s, 0, 0),),
-        reference_temperature_c=state.reference_temperature_c,
-        filter_state=state.filter_state,
+        friction=state.friction,
+        beside=state.beside,
+        event=state.event,
+        since_replay_days=state.since_replay_days,
         temperature_c=unknown,
         inside_range=np.zeros(J),
         first_log_torque=state.first_log_torque,
@@ -109,19 +106,16 @@ def learn(
     identification: Identification,
     context: Context,
     at_unix_s: float,
-    *,
-    settings: DriftSettings,
-    laws: TemperatureSettings,
-    health: HealthSettings | None = None,
+    settings: AssessSettings,
 ) -> LearnResult:
     """The belief after one more replay, by `step` over the arm's joints.
 
     Where the recording contradicts its declared context, the filter does not learn from it.
     Raises BadInput for a time before the belief's, and for revolutions of another number of joints.
     """
-    observation = observe(identification, settings)
-    limits, fit = health or HealthSettings(), rigid_fit(identification)
-    change = enter_declared_context(belief, with_lasting_declarations(belief.context, context), at_unix_s, fit, limits)
+    observation = observe(identification, settings.drift)
+    limits, fit = settings.health, rigid_fit(identification)
+    change = enter_declared_context(belief, with_lasting_declarations(belief.context, context), at_unix_s, fit, settings)
     undeclared = another_gravity(identification)
     if undeclared.condition is None:
         change, undeclared = enter_undeclared_level(change, fit, at_unix_s, limits)
@@ -134,19 +128,17 @@ def learn(
         replaced=change.replaced,
         awaiting_proof=moved.awaiting_proof,
         undeclared=np.array([undeclared.withheld]),
-        same_mass=np.array([undeclared.same_mass]),
         revolutions=_revolutions(belief, context),
     )
-    result = step(belief.drift_state, replay, settings, laws)
-    sources = belief.filter_state.sources
-    days = float(replay.days[0]) + (0.0 if sources is None else float(sources.since_days.max()))  # since the last replay
+    result = step(moved.drift_state, replay, settings)
+    days = float(replay.days[0]) + float(belief.since_replay_days.max())  # since the last replay
     ripple = update_ripple(belief.ripple, identification.ripple, days, fresh=bool(change.differences))
     after = replace(_after(moved, result, at_unix_s), residual_peak_rad=identification.residual_peak_rad, ripple=ripple)
-    after, settled = _judge_maintenance(after, limits, settings)
+    after, settled = _judge_maintenance(after, limits)
     return LearnResult(after, tuple(_warnings(after, result, change, undeclared)), undeclared, (*change.maintenance, *settled))
 
 
-def _judge_maintenance(belief: Belief, limits: HealthSettings, settings: DriftSettings) -> tuple[Belief, tuple[Maintenance, ...]]:
+def _judge_maintenance(belief: Belief, limits: HealthSettings) -> tuple[Belief, tuple[Maintenance, ...]]:
     """The belief with its works after one more replay, and those of them that this replay judges."""
     if not any(act.waiting for act in belief.maintenance):
         return belief, ()
@@ -157,23 +149,23 @@ def _judge_maintenance(belief: Belief, limits: HealthSettings, settings: DriftSe
         if not (act.waiting and counts[act.joint - 1]):
             return act
         counted = count_replay(act, day)
-        return judged(counted, belief.filter_state, least_replays=limits.min_replays, least_days=limits.min_days, worn=worn)
+        return judged(counted, belief.friction, least_replays=limits.min_replays, least_days=limits.min_days, worn=worn)
 
     maintenance = tuple(after(act) for act in belief.maintenance)
     settled = tuple(now for before, now in zip(belief.maintenance, maintenance, strict=True) if before.waiting and not now.waiting)
-    return with_outcomes(replace(belief, maintenance=maintenance), settled, settings), settled
+    return with_outcomes(replace(belief, maintenance=maintenance), settled), settled
 
 
-def enter_declared_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, limits: HealthSettings) -> ContextChange:
+def enter_declared_context(belief: Belief, context: Context, at_unix_s: float, fit: RigidFit, settings: AssessSettings) -> ContextChange:
     """The belief with the replay's context in force, and with the work on joints that the context declares first."""
     changed = differences(belief.context, context)
     if not changed:
         return ContextChange(belief, changed, False, ())
     declared = _declared_maintenance(belief, context, at_unix_s)
-    belief, maintenance = begin_maintenance(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared)
+    belief, maintenance = begin_maintenance(replace(belief, contexts=with_declarations_of(belief.contexts, context)), declared, settings)
     if not differences(belief.context, context):
         return ContextChange(belief, changed, False, maintenance)
-    sigma, mass_kg = limits.contradiction_sigma, limits.contradiction_kg
+    sigma, mass_kg = settings.health.contradiction_sigma, settings.health.contradiction_kg
     weights, level = belief.arm_weights, belief.arm_weights.level
     if level is not None and may_be_level(belief.contexts, context) and declares_level(weights, fit, sigma=sigma, mass_kg=mass_kg):
         belief = replace(belief, contexts=declare_level(belief.contexts, context))
@@ -267,23 +259,22 @@ TEMPERATURE_STUCK = Sentence(
     "temperature_stuck", "joints {joints}: the temperature stands still, from replay to replay, as no working sensor's does: not believed"
 )
 CONTEXT_CHANGED = Sentence("context_changed", "{what}")
-TEMPERATURE_UNKNOWN = Sentence(
-    "temperature_unknown", "joints {joints}: no temperature: the replay is learnt with more doubt and counts for no alert"
-)
+TEMPERATURE_UNKNOWN = Sentence("temperature_unknown", "joints {joints}: no temperature: the replay is learnt with more doubt")
 WARMING_FAST = Sentence(
     "warming_fast", "joints {joints}: warming or cooling faster than {limit_k_per_min:g} K/min: the grease lags behind the sensor"
 )
-OUTLIER_REPLAY = Sentence("outlier", "{joint:joint}: {change:+z.1%} from the expected friction, {sigmas:.1f} σ: not learnt from")
+OUTLIER_REPLAY = Sentence("outlier", "{joint:joint}: {change:+z.1%} from the expected friction, {sigmas:.1f} σ: it counts for little")
 STEP_FOUND = Sentence("step", "{what}")
 STEP_TOGETHER = Sentence(
     "step_together", "joints {joints}: the last replays are best explained by a change of most joints together: it is no wear"
 )
 STEP_OF_JOINT = Sentence(
     "step_of_joint",
-    "{joint:joint}: {replays:.0f} replays are best explained by a change of the joint: friction is now {change:+z.1%} from the beginning",
+    "{joint:joint}: the replays of the last {days:.0f} days are best explained by a change of the joint: friction is now {change:+z.1%} "
+    "from the beginning",
 )
 JOINT_UNSEEN = Sentence("joint_unseen", "joints {joints}: friction at {speed_rad_s:g} rad/s is not resolved in this replay")
-FILTER_INCONSISTENT = Sentence("filter_inconsistent", "joints {joints}: replays scatter more than the filter believes")
+FILTER_INCONSISTENT = Sentence("filter_inconsistent", "joints {joints}: replays scatter more than is believed")
 
 
 def _warnings(belief: Belief, result: StepResult, change: ContextChange, undeclared: UndeclaredChange) -> list[Reason]:
@@ -328,18 +319,19 @@ def _temperature_warnings(observation: Observation) -> list[Reason]:
 def _filter_warnings(belief: Belief) -> list[Reason]:
     """Warnings of what the filter made of the replay."""
     warnings = []
-    state = belief.filter_state
+    state = belief.friction
+    innovation, sigmas, change = state.of_joints(state.innovation), np.abs(state.of_joints(state.normalised)), belief.change
     for j in np.flatnonzero(belief.event == OUTLIER):
-        warnings.append(OUTLIER_REPLAY(joint=j + 1, change=state.innovation[j], sigmas=abs(state.normalised[j])))
-    together = (belief.event == STEP) & (state.agreeing <= 1.0)  # a change of the joint itself agrees with several replays
+        warnings.append(OUTLIER_REPLAY(joint=j + 1, change=innovation[j], sigmas=sigmas[j]))
+    together = (belief.event == STEP) & bool(state.told.common.any())
     if together.any():
         warnings.append(STEP_FOUND(what=STEP_TOGETHER(joints=joint_numbers(together))))
     for j in np.flatnonzero((belief.event == STEP) & ~together):
-        warnings.append(STEP_FOUND(what=STEP_OF_JOINT(joint=j + 1, replays=state.agreeing[j], change=state.change[j])))
+        warnings.append(STEP_FOUND(what=STEP_OF_JOINT(joint=j + 1, days=belief.found(int(j)).began_days, change=change[j])))
     unresolved = belief.event == UNRESOLVED
     if unresolved.any():
         warnings.append(JOINT_UNSEEN(joints=joint_numbers(unresolved), speed_rad_s=belief.reference_speed_rad_s))
-    inconsistent = state.consistency > INCONSISTENT
+    inconsistent = belief.consistency > INCONSISTENT
     if inconsistent.any():
         warnings.append(FILTER_INCONSISTENT(joints=joint_numbers(inconsistent)))
     return warnings

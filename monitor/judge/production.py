@@ -17,12 +17,10 @@ from monitor.judge.alerts.health import Health, Transition
 from monitor.judge.alerts.rules import judge_production
 from monitor.judge.belief import Belief
 from monitor.judge.drift.contexts import differences
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.step import Replay, step
-from monitor.judge.drift.suspicion import suspected_rise
+from monitor.judge.friction.figures import suspected_rise
 from monitor.judge.production_observation import ProductionHistory, ProductionObservation, context_of_production
-from monitor.judge.settings import HealthSettings
-from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.settings import AssessSettings
 from monitor.recording import DAY_S, Array, Context
 
 
@@ -44,9 +42,7 @@ def assess_production(
     *,
     belief: Belief,
     health: Health,
-    settings: DriftSettings,
-    laws: TemperatureSettings,
-    limits: HealthSettings,
+    settings: AssessSettings,
 ) -> ProductionAssessment:
     """The verdict of one period of production, with belief and health for what comes next. context : as it is declared for that time.
 
@@ -62,15 +58,15 @@ def assess_production(
     opened = before is None or before.arm != observation.arm or bool(differences(before.context, here))
     at = max(observation.end_unix_s, belief.at_unix_s)  # a replay may have come before the period was judged
     replay = Replay(
-        observation=observation.seen(settings),
+        observation=observation.seen(settings.drift),
         days=np.array([(at - belief.at_unix_s) / DAY_S]),
         opened=np.array([opened]),
         awaiting_proof=belief.awaiting_proof,
         from_production=True,
     )
-    result = step(belief.drift_state, replay, settings, laws)
+    result = step(belief.drift_state, replay, settings)
     resolved = np.isfinite(result.observation.log_torque)
-    learnt: np.ndarray = resolved & result.state.filter_state.learnt_from
+    learnt: np.ndarray = resolved & result.state.learnt_from
     times = np.full(belief.joints, np.nan) if before is None else before.learnt_at_unix_s
     known = ProductionHistory(
         context=here,
@@ -81,9 +77,9 @@ def assess_production(
         arm=observation.arm,
     )
     after = replace(belief.with_drift_state(result.state), at_unix_s=at, production=known)
-    judged = judge_production(health, after, learnt & result.inside_range, learnt, limits, drift=settings)
+    judged = judge_production(health, after, learnt, settings)
     asks = tuple(sorted({*judged.asks, *_still_asking(before, resolved)}))
-    likely = np.flatnonzero(suspected_rise(result.state.filter_state, settings) & learnt) + 1
+    likely = np.flatnonzero(suspected_rise(result.state.friction, settings.friction) & learnt) + 1
     suspects = tuple(int(joint) for joint in likely if joint not in asks)
     after = replace(after, production=replace(known, asks=asks, suspects=suspects))
     return ProductionAssessment(

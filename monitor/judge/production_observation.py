@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.drift.observation import NOT_MEASURED, POSSIBLE_C, VISCOUS_SHARE, Observation
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.observation import NOT_MEASURED, POSSIBLE_C, VISCOUS_SHARE, Observation
+from monitor.judge.friction.settings import DriftSettings
 from monitor.reason import Reason
 from monitor.recording import Array, Context
 

@@ -1,7 +1,7 @@
 """The settings of an assessment: those of every room that a recording passes on its way to a verdict."""
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from annotated_types import Interval
@@ -9,9 +9,12 @@ from annotated_types import Interval
 from monitor.errors import BadConfiguration
 from monitor.identify.settings import IdentifySettings, QualitySettings
 from monitor.judge.bounds import check_bounds
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.settings import DriftSettings
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
+
+if TYPE_CHECKING:
+    from monitor.judge.friction.step import FrictionModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,15 +49,17 @@ class ResidualSettings:
 class HealthSettings:
     """When alerts are raised and cleared. A rise is a fraction of the friction torque at the beginning."""
 
-    advisory_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.01
+    advisory_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.02
     wear_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.05
     limit_rise: Annotated[float, Interval(ge=1e-6, le=10.0)] = 0.30
     false_alarms_per_year: Annotated[float, Interval(ge=1e-4, le=10.0)] = (
-        0.05  # advisories a year that a healthy arm may cause by chance; it determines the evidence that an advisory requires
+        0.25  # bound on the advisories a year that a sound arm may cause by chance; in fact a third of it
     )
     wear_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above wear_rise
     limit_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.95  # required probability of a rise above limit_rise
-    min_replays: Annotated[int, Interval(ge=1, le=100)] = 3  # a condition must appear in so many consecutive replays
+    min_replays: Annotated[int, Interval(ge=1, le=100)] = (
+        3  # a doubt in data or declarations must appear in so many consecutive replays, and so many judge work on a joint
+    )
     min_days: Annotated[int, Interval(ge=1, le=100)] = 2  # these consecutive replays must lie on at least so many UTC days
     clear_fraction: Annotated[float, Interval(gt=0.0, lt=1.0)] = (
         0.6  # of a tier's rise, below which the tier is left; less than 1, so that an alert does not flap
@@ -63,7 +68,6 @@ class HealthSettings:
     common_share: Annotated[float, Interval(ge=1e-6, le=1.0)] = (
         2.0 / 3.0
     )  # share of the joints that must change together for a common change
-    common_sure: Annotated[float, Interval(gt=0.5, lt=1.0)] = 0.9  # required probability that such a joint has changed
     stale_days: Annotated[float, Interval(ge=0.01, le=3650.0)] = 7.0  # a joint is stale after so long without a replay that updated it
     contradiction_sigma: Annotated[float, Interval(ge=2.0, le=100.0)] = (
         8.0  # standard deviations by which masses must differ from those of earlier replays to contradict them
@@ -71,7 +75,7 @@ class HealthSettings:
     contradiction_kg: Annotated[float, Interval(ge=0.01, le=100.0)] = (
         0.2  # smallest difference that is reported as a payload: it raises friction of the shoulder by about advisory_rise
     )
-    learning_replays: Annotated[int, Interval(ge=0, le=1000)] = 10  # before so many replays a new temperature is not OFF_SPEC
+    learning_replays: Annotated[int, Interval(ge=0, le=1000)] = 10  # in so many first ones no change is told, no temperature is OFF_SPEC
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration where a figure is out of its bounds, or the rises of the tiers are out of order."""
@@ -97,3 +101,19 @@ class AssessSettings:
     health: HealthSettings = field(default_factory=HealthSettings)
     prognosis: PrognosisSettings = field(default_factory=PrognosisSettings)
     residual: ResidualSettings = field(default_factory=ResidualSettings)
+
+    @property
+    def friction(self) -> "FrictionModel":
+        """The model of friction with these settings, the fleet's prior among them."""
+        from monitor.judge.friction.of_settings import friction_model  # with SciPy: a configuration is read without it
+
+        health = self.health
+        return friction_model(
+            self.drift,
+            self.temperature,
+            false_alarms_per_year=health.false_alarms_per_year,
+            least=float(np.log1p(health.advisory_rise)),
+            cleared=health.clear_fraction,
+            most=health.common_share,
+            learning_replays=health.learning_replays,
+        )

@@ -103,7 +103,7 @@ def production_verdict(
 
     Raises BadInput where these days were judged already.
     """
-    belief, drift = inputs.belief, inputs.settings.drift
+    belief = inputs.belief
     before = None if belief.production is None else belief.production.learnt_at_unix_s
     found = observation_of(
         information, inputs.identification, inputs.production, learnt_at_unix_s=before, last_day=last_day, arm=inputs.name
@@ -115,9 +115,7 @@ def production_verdict(
         inputs.context,
         belief=belief,
         health=inputs.health,
-        settings=drift,
-        laws=inputs.settings.temperature,
-        limits=inputs.settings.health,
+        settings=inputs.settings,
     )
     return found, verdict
 

@@ -158,7 +158,7 @@ class Publisher:
         belief = self._state.estimator.belief
         rows = self._store.assessments.friction(joint=joint, limit=1)
         if belief is not None and rows:
-            known = friction_known(rows[0], float(belief.filter_state.replays[joint - 1]))
+            known = friction_known(rows[0], float(belief.learnt_replays[joint - 1]))
             self._say(documents.Friction, {key: value for key, value in known.items() if key != "replay"})
 
     def from_production(self) -> None:

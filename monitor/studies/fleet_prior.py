@@ -8,7 +8,7 @@ Shapes: A arms of one model, J joints.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +16,13 @@ import numpy as np
 
 from monitor.errors import BadInput, MonitorError
 from monitor.judge.alerts.wear_paths import FAMILIES, FAMILY_PRIOR, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
-from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, RATE, SLOPE, SURE_SIGMAS, FilterState
-from monitor.judge.drift.noise.chance import AGES, GROUPS, KINDS
-from monitor.judge.drift.noise.size import DIFFERENCES
-from monitor.judge.drift.prior import BOUNDS, CHANCE_BOUNDS, FORMAT, LIFE_RISE, OF_CHANCE, OF_WEAR, SHARES, VERSION, WearPrior
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.changes import ChangePriors
+from monitor.judge.friction.figures import wear_and_rate
+from monitor.judge.friction.noise import NoisePriors, noise_of_fleet
+from monitor.judge.friction.prior import BOUNDS, FORMAT, LIFE_RISE, NOISE_STD, OF_WEAR, SHARES, VERSION, WearPrior
+from monitor.judge.friction.settings import DriftSettings
+from monitor.judge.friction.states import CURVE, LAG, LEVEL, SLOPE, Priors
+from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import DAY_S, Array
 from monitor.service.history.assess_and_store import load_state
@@ -65,6 +67,7 @@ def digits(value: float) -> float:
 
 # --- How the joints of a fleet wear once they do: along which paths, and how fast. Pure -----------------
 
+SURE_SIGMAS = 1.645  # a wear rate further above 0 is surely positive: 95 %, as for remaining life
 LEAST_RISE = 0.02  # [log] healthy joints are found within it, and a detected one is above
 FAMILY_SPREAD = 0.7  # [log] of the lives of any joints that wear: half to twice the median
 LEAST_WORN = 10  # joints; fewer say nothing that a new joint should be held to
@@ -74,25 +77,24 @@ WEAR_ROUNDS = 100  # of expectation and maximisation; three digits are reached a
 class Joint(NamedTuple):
     """One joint that surely rises."""
 
-    state: FilterState  # of its arm
-    n: int
-    slot: int  # of the context in force
+    state: FrictionState  # of its arm
+    n: int  # from 0
 
 
-def rising(state: FilterState) -> np.ndarray:
+def rising(state: FrictionState) -> np.ndarray:
     """(J,) whether a joint's friction surely rises, and has risen by more than chance makes of a healthy joint."""
-    rate, std = state.mean[:, RATE], np.sqrt(np.maximum(state.cov[:, RATE, RATE], 0.0))
-    sure: np.ndarray = (rate > SURE_SIGMAS * std) & (state.wear > LEAST_RISE)
+    mean, cov = wear_and_rate(state)
+    sure: np.ndarray = (mean[:, 1] > SURE_SIGMAS * np.sqrt(cov[:, 1, 1])) & (mean[:, 0] > LEAST_RISE)
     return sure
 
 
-def worn(state: FilterState) -> np.ndarray:
+def worn(state: FrictionState) -> np.ndarray:
     """(J,) whether a joint's wear has begun: its friction surely rises, or has stepped up."""
-    begun: np.ndarray = rising(state) | (state.stepped > LEAST_RISE)
+    begun: np.ndarray = rising(state) | state.of_joints(state.risen)
     return begun
 
 
-def learn_wear(joints: Sequence[Joint], drift: DriftSettings) -> WearPrior | None:
+def learn_wear(joints: Sequence[Joint], model: FrictionModel) -> WearPrior | None:
     """What the joints of a fleet that wear say of the next one; None where fewer than `LEAST_WORN` show a path.
 
     Each joint's course has a mixture of paths, each with a life: the usual days from its onset to a rise by LIFE_RISE. The shares of the
@@ -100,12 +102,11 @@ def learn_wear(joints: Sequence[Joint], drift: DriftSettings) -> WearPrior | Non
     Bayes, by expectation and maximisation), with `FAMILY_ARMS` joints for what holds without a fleet. As in `wear_paths`, a joint may be
     none of the fleet: one that broke moves the fleet's figures little.
     """
-    alone = replace(drift, prior=None)  # what the joints say themselves, and not what an earlier prior of theirs has said
-    found = [wear_paths(state, n, slot, state.joints, alone) for state, n, slot in joints]
+    found = [wear_paths(state.course[n], state, n, model) for state, n in joints]
     courses = [_course(each) for each in found if each is not None]
     if len(courses) < LEAST_WORN:
         return None
-    family = float(np.log(LIFE_RISE / drift.unseen_pace_std_per_day))
+    family = float(np.log(LIFE_RISE / model.changes.rates_std[0]))
     usual = np.array(FAMILY_PRIOR)
     shares, mean, var, of_fleet = usual, family, FAMILY_SPREAD**2, 0.0
     for _ in range(WEAR_ROUNDS):
@@ -155,42 +156,10 @@ def _expected(course: _Course, log_odds: Array, mean: float, var: float) -> Arra
     return np.array([*families, weight @ life, weight @ (life**2 + rest)])
 
 
-# --- The memory of a fleet's noise: how far chance alone moves the mean of so many replays. Pure --------
-
-WEIGHT_REPLAYS = 12.0  # most: enough for a step in the first weeks, and an arm with longer memory than its fleet soon speaks for itself
-MOST = 2.5  # times the median of the arms that one arm counts for at most: one with other noise does not speak for all
-
-
-def learn_memory(states: Sequence[FilterState]) -> dict[str, Any]:
-    """The part `chance` of a model's document: mean χ² by kind of change and age, and its weight, which few arms have little of."""
-    arms = np.array([_of_arm(state) for state in states])  # (A, 2, G)
-    most = np.nanmedian(np.where(np.isnan(arms).all(axis=0), 1.0, arms), axis=0) * MOST
-    known = ~np.isnan(arms)
-    number = known.sum(axis=0)
-    mean = np.sum(np.where(known, np.minimum(arms, most), 0.0), axis=0) / np.maximum(number, 1)
-    for age in range(1, GROUPS):  # no arm is as old as that: as the oldest age that some have seen
-        mean[:, age] = np.where(number[:, age] > 0, mean[:, age], mean[:, age - 1])
-    mean = np.clip(np.where(mean > 0, mean, 1.0), *CHANCE_BOUNDS)
-    figures = {kind: [digits(value) for value in row] for kind, row in zip(OF_CHANCE, mean, strict=True)}
-    return {"replays": digits(WEIGHT_REPLAYS * len(states) / (len(states) + FAMILY_ARMS)), **figures}
-
-
-def _of_arm(state: FilterState) -> Array:
-    """(2, G) mean of the arm's joints; NaN at ages that it has not lived. Of a joint that changed, falls count twice."""
-    sides = state.chance.mean  # (J, 2, 2, G)
-    each = np.where(worn(state)[:, None, None], 2.0 * sides[:, :, 0], sides.sum(axis=2))
-    enough = state.chance.replays > np.maximum(AGES, 1.0)  # (J, G)
-    weight = np.repeat(np.where(enough, state.chance.replays, 0.0)[:, None], KINDS, axis=1)
-    total = weight.sum(axis=0)
-    mean: Array = np.where(total > 0, (weight * each).sum(axis=0) / np.maximum(total, 1e-9), np.nan)
-    return mean
-
-
-# --- From the filter states of a fleet's arms to the document of its prior. Pure ------------------------
+# --- From the states of a fleet's arms to the document of its prior. Pure ------------------------
 
 LEAST_REPLAYS = 40  # an arm with fewer still says what it was told at its beginning
 VISCOUS_SHARE = 0.5  # of friction at the reference speed, in the family's prior
-NOISE_SPREAD = 0.5  # [log σ] standard deviation between arms of the family: 1.2 to 3.3 % around 2 %
 
 
 class LearntArm(NamedTuple):
@@ -198,10 +167,9 @@ class LearntArm(NamedTuple):
 
     name: str
     model: str
-    state: FilterState
+    state: FrictionState
     days: float  # since the first replay
     reference_speed_rad_s: float = 0.4  # at which its friction was followed
-    slot: int = 0  # of the filter, with the level of the context in force
 
 
 def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, Any]:
@@ -209,9 +177,9 @@ def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Te
 
     Raises BadInput where there is none, or where their reference speeds differ.
     """
-    old = [arm for arm in arms if float(np.median(arm.state.replays)) >= LEAST_REPLAYS]
+    old = [arm for arm in arms if float(np.median(arm.state.of_joints(arm.state.replays))) >= LEAST_REPLAYS]
     if not old:
-        most = max((float(np.median(arm.state.replays)) for arm in arms), default=0.0)
+        most = max((float(np.median(arm.state.of_joints(arm.state.replays))) for arm in arms), default=0.0)
         raise BadInput(f"no arm with {LEAST_REPLAYS} replays to learn from: the longest history of {len(arms)} holds {most:.0f}")
     speeds = sorted({arm.reference_speed_rad_s for arm in old})
     if len(speeds) > 1:
@@ -224,8 +192,8 @@ def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Te
         "reference_speed_rad_s": speeds[0],
         "learnt_from": {
             "arms": len(old),
-            "left_out": [f"{arm.name}: {np.median(arm.state.replays):.0f} replays" for arm in arms if arm not in old],
-            "joint_years": round(sum(arm.days * arm.state.joints for arm in old) / 365.0, 2),
+            "left_out": [f"{arm.name}: {np.median(arm.state.of_joints(arm.state.replays)):.0f} replays" for arm in arms if arm not in old],
+            "joint_years": round(sum(arm.days * arm.state.joints_per_arm for arm in old) / 365.0, 2),
         },
         "models": {model: _of_model(of_it, drift, temperature) for model, of_it in by_model.items()},
     }
@@ -233,22 +201,20 @@ def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Te
 
 def _of_model(arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, Any]:
     """The prior of one model."""
-    J = arms[0].state.joints
+    J = arms[0].state.joints_per_arm
     states = [arm.state for arm in arms]
-    family = _family(drift, temperature)
+    family = _family(temperature)
     pooled = {name: _pooled(states, entry, *family[name], J) for name, entry in (("slope", SLOPE), ("curve", CURVE), ("lag", LAG))}
-    replays = np.array([state.replays for state in states])
-    rho = np.array([state.autocorrelation(J, drift) for state in states])
-    sigma2 = np.array([state.noise_var(J, drift, of_arm) for state, of_arm in zip(states, rho, strict=True)])
-    # the noise is the arm's: its joints are alike, and their number says how well it is known
-    chance = DIFFERENCES / np.maximum(replays.sum(axis=1), 1.0)
-    log_sigma = 0.5 * np.log(sigma2)
-    noise = pool(log_sigma, np.repeat(0.25 * chance[:, None], J, axis=1), np.full(J, np.log(drift.between_std)), np.full(J, NOISE_SPREAD))
-    # log γ₁ of n replays scatters by 3/n: a spread of 4·τ² of log σ² between arms is what so many replays would leave
-    weight = DIFFERENCES / np.maximum(4.0 * noise.std**2, 1e-9)
-    level = np.array([state.mean[:, LEVELS] for state in states])
+    noise = noise_of_fleet(
+        np.concatenate([state.p for state in states], axis=1),
+        np.concatenate([state.scale for state in states], axis=1),
+        J,
+        NoisePriors(std=drift.between_std),
+        prior_arms=FAMILY_ARMS,
+    )
+    level = np.array([state.of_joints((state.p * state.x[:, LEVEL]).sum(axis=0)) for state in states])
     began, pace = _wear(states)
-    wear = learn_wear([Joint(arm.state, int(n), arm.slot) for arm in arms for n in np.flatnonzero(rising(arm.state))], drift)
+    wear = learn_wear([Joint(arm.state, int(n)) for arm in arms for n in np.flatnonzero(rising(arm.state))], FrictionModel())
     years = sum(arm.days for arm in arms) * J / 365.0
     columns: Mapping[str, Array] = {
         "slope_per_k": pooled["slope"].mean,
@@ -257,19 +223,16 @@ def _of_model(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Temp
         "curve_std_per_k2": pooled["curve"].std,
         "lag": pooled["lag"].mean,
         "lag_std": pooled["lag"].std,
-        "noise_std": np.exp(noise.mean),
-        "noise_correlation": np.mean(rho, axis=0),
-        "noise_replays": weight,
     }
     bounded = {name: np.clip(column, *BOUNDS[name]) for name, column in columns.items()}
     median = np.median(level, axis=0)
     return {
         "arms": len(arms),
         "joint_years": round(years, 2),
-        # a joint begins to wear so often: the setting that stands in counts as one beginning
-        "onsets_per_year": digits((began + 1.0) / (years + 1.0 / max(drift.onsets_per_year, 1e-6))),
+        # a joint begins to wear so often: what stands in counts as one beginning
+        "onsets_per_year": digits((began + 1.0) / (years + 1.0 / ChangePriors().a_year)),
         "wear_per_year": digits(365.0 * pace) if np.isfinite(pace) else None,
-        "chance": learn_memory(states),
+        "noise": {"std": digits(float(np.clip(noise.std, *NOISE_STD))), "weights": [digits(kind.weight) for kind in noise.kinds]},
         "wear": None if wear is None else {name: value if name == "joints" else digits(value) for name, value in asdict(wear).items()},
         "joints": [
             {
@@ -283,25 +246,24 @@ def _of_model(arms: Sequence[LearntArm], drift: DriftSettings, temperature: Temp
     }
 
 
-def _family(drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of slope, curve and lag among all arms of the family, as in `initial_filter`."""
-    fall = temperature.viscous_fall_per_k
-    slope = fall * VISCOUS_SHARE
+def _family(temperature: TemperatureSettings) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of slope, curve and lag among all arms of the family, as in `prior_of_states`."""
+    family = Priors()
+    slope = temperature.viscous_fall_per_k * VISCOUS_SHARE
     slope_std = float(np.hypot(temperature.viscous_fall_std_per_k * VISCOUS_SHARE, temperature.coulomb_fall_std_per_k))
-    curve = 0.5 * fall**2 * VISCOUS_SHARE * (1.0 - VISCOUS_SHARE)
-    lag_std = float(np.hypot(slope * drift.grease_lag_std_min, slope_std * drift.grease_lag_min))
-    return {"slope": (slope, slope_std), "curve": (curve, max(curve, 1e-6)), "lag": (slope * drift.grease_lag_min, lag_std)}
+    lag, lag_std = family.lag_min
+    return {"slope": (slope, slope_std), "curve": family.curve_per_k2, "lag": (slope * lag, slope * lag_std)}
 
 
-def _pooled(states: Sequence[FilterState], entry: int, mean: float, std: float, joints: int) -> Pooled:
-    """One entry of the filter's mean, pooled over the arms.
+def _pooled(states: Sequence[FrictionState], entry: int, mean: float, std: float, joints: int) -> Pooled:
+    """One of the states, pooled over the arms; −β is the slope.
 
-    The filter's estimate holds the family's prior already; what the replays alone say is the estimate with that prior taken out. Where
+    The estimate holds the family's prior already; what the replays alone say is the estimate with that prior taken out. Where
     they say next to nothing, the arm is left out.
     """
-    value = np.array([state.mean[:, entry] for state in states])
-    variance = np.array([state.cov[:, entry, entry] for state in states])
-
+    sign = -1.0 if entry == SLOPE else 1.0
+    value = np.array([sign * state.of_joints((state.p * state.x[:, entry]).sum(axis=0)) for state in states])
+    variance = np.array([state.of_joints((state.p * state.P[:, entry, entry]).sum(axis=0)) for state in states])
     information = 1.0 / np.maximum(variance, 1e-300) - 1.0 / std**2
     informative = information * std**2 > 1.0
     own_variance = np.where(informative, 1.0 / np.where(informative, information, 1.0), np.nan)
@@ -309,12 +271,12 @@ def _pooled(states: Sequence[FilterState], entry: int, mean: float, std: float, 
     return pool(own_value, own_variance, np.full(joints, mean), np.full(joints, std))
 
 
-def _wear(states: Sequence[FilterState]) -> tuple[float, float]:
+def _wear(states: Sequence[FrictionState]) -> tuple[float, float]:
     """Number of joints whose friction surely rises or has stepped up, and the root mean square of the sure rates [1/usual day]."""
     began, rates = 0, []
     for state in states:
         began += int(np.sum(worn(state)))
-        rates += state.mean[rising(state), RATE].tolist()
+        rates += wear_and_rate(state).mean[rising(state), 1].tolist()
     return float(began), float(np.sqrt(np.mean(np.square(rates)))) if rates else float("nan")
 
 
@@ -338,7 +300,7 @@ def arms_of(folders: Sequence[Path]) -> tuple[list[LearntArm], list[str]]:
             silent.append(f"{place}: nothing was assessed yet")
             continue
         days = (belief.at_unix_s - belief.began_at_unix_s) / DAY_S
-        arms.append(LearntArm(str(place), belief.robot, belief.filter_state, days, belief.reference_speed_rad_s, int(belief.slot[0])))
+        arms.append(LearntArm(str(place), belief.robot, belief.friction, days, belief.reference_speed_rad_s))
     return arms, silent
 
 

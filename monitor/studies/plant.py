@@ -18,7 +18,7 @@ import zenoh
 from monitor import __version__
 from monitor.errors import BadInput, BusError
 from monitor.judge.alerts.conditions import CONDITIONS
-from monitor.judge.drift.filter_state import RATE
+from monitor.judge.friction.figures import expected, expected_row, found_wear, wear_and_rate
 from monitor.judge.settings import AssessSettings
 from monitor.publish.queries import (
     MOST_EVENTS,
@@ -231,11 +231,12 @@ class Lives:
         }
 
     def _figures(self, judged: JudgedDay) -> Figures:
-        state, shape = judged.result.state.filter_state, (self.arms, self.joints)
-        mean, std = state.reference(np.full(state.joints, 25.0), judged.result.state.slot)
-        torque, seen = np.exp(mean), judged.now.seen
-        rate_std = np.sqrt(np.maximum(state.cov[:, RATE, RATE], 0.0))
-        each = (torque, torque * std, state.wear, state.wear_std, state.mean[:, RATE], rate_std)
+        state, shape = judged.result.state.friction, (self.arms, self.joints)
+        N = self.arms * self.joints
+        mean, var = expected(state, expected_row(state, np.full(N, 25.0), np.zeros(N), self.assess.friction))
+        torque, seen, rates = np.exp(mean), judged.now.seen, wear_and_rate(state)
+        rate, rate_std = rates.mean[:, 1], np.sqrt(np.maximum(rates.cov[:, 1, 1], 0.0))
+        each = (torque, torque * np.sqrt(var), *found_wear(state), rate, rate_std)
         figures = (*each, seen.temperature_c, np.nan_to_num(seen.coulomb_nm), np.nan_to_num(seen.viscous_nm_s_per_rad))
         small: list[Any] = [np.asarray(one, np.float32).reshape(shape) for one in figures]
         return Figures(judged.number, judged.now.replayed.copy(), *small)

@@ -1,8 +1,8 @@
 """How soon a young arm's wear is found, without a fleet's prior, with it, and by observers who know more: `python -m tests.bench.prior`.
 
-Simulated arms of which one joint steps by 5 % on day 10 to 60. Every day's margin is kept, by which the clearest candidate change is above
-its threshold [χ²]; detection itself is off, so that one run shows every threshold. Quoted are the days from the step to its detection,
-quarter, half and three quarters of the arms and the mean of at most 90 days, at the monitor's own thresholds and where so many
+Simulated arms of which one joint steps by 5 % on day 10 to 60. Every day's margin is kept, by which the evidence of a rise is above its
+threshold [nats]; the threshold itself is out of reach, so that one run shows every other one. Quoted are the days from the step to its
+detection, quarter, half and three quarters of the arms and the mean of at most 90 days, at the monitor's own threshold and where so many
 detections a robot-year are false: rises found in joints that did not change.
 
 The observers are computed by a filter of their own (level and AR(1) noise, every age of a step and of a ramp, bounded innovations). They
@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import FilterState
-from monitor.judge.drift.prior import FleetPrior, prior_from_document
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.update.change_detection import JointNoise, joint_noise, likelihood_ratios, thresholds
+from monitor.judge.friction.prior import FleetPrior, prior_from_document
+from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 from monitor.studies.fleet_prior import LearntArm, learn_prior
@@ -29,8 +27,9 @@ from tests.synthetic_arm import of_arm
 DAYS, ONSETS, STEP, LEARNING = 130, (10, 60), 0.05, 8
 FALSE_PER_YEAR = (0.2, 0.1, 0.05)
 J = 6
-OFF = 20.0  # [σ] threshold of the filter in these runs: nothing is found
-BOUND = 3.0  # [σ] an innovation counts for an observer with no more, as for the monitor
+OFF = 1e-4  # false alarms a robot-year in these runs: what is found by so high a threshold is above every other one
+BOUND = 3.0  # [σ] an innovation counts for an observer with no more; for the monitor with 2.3
+BEFORE = 10  # replays before which nothing is found, by whom it may be
 ASSESS = AssessSettings()
 
 
@@ -52,7 +51,7 @@ class Watched(Fleet):
 class Margins(NamedTuple):
     """What a run has kept."""
 
-    margin: Array  # (D, A, J) [χ²] of the clearest rise above its threshold
+    margin: Array  # (D, A, J) [nats] of a rise's evidence over the monitor's threshold, an observer's over 0
     joint: np.ndarray  # (A,) that steps
     onset: Array  # (A,) day
 
@@ -61,7 +60,7 @@ def fleet_prior(arms: int, days: int, settings: FleetSettings) -> FleetPrior:
     """What other arms say."""
     fleet = Fleet(replace(settings, arms=arms, days=days, seed=settings.seed + 1000))
     for one in judged_days(fleet, days, ASSESS):
-        state = one.result.state.filter_state
+        state = one.result.state.friction
     learnt = [LearntArm(f"arm-{k}", settings.robot, of_arm(state, k), float(days)) for k in range(arms)]
     document = learn_prior(learnt, ASSESS.drift, ASSESS.temperature)
     return prior_from_document(document, settings.robot, J, settings.reference_speed_rad_s, digest="0")
@@ -72,24 +71,23 @@ def lived(settings: FleetSettings, prior: FleetPrior | None) -> tuple[Margins, W
     rng, A = np.random.default_rng(settings.seed), settings.arms
     joint, onset = rng.integers(0, J, A), rng.integers(*ONSETS, A).astype(float)
     wear = Wear(joint=joint.astype(float), onset_day=onset, step=np.full(A, STEP), per_day=np.zeros(A))
-    fleet, drift = Watched(settings, wear), replace(ASSESS.drift, prior=prior)
-    blind = replace(ASSESS, drift=replace(drift, shift_sigma=OFF, pace_sigma=OFF))
-    kept = [margin_of(one.result.state.filter_state, drift) for one in judged_days(fleet, settings.days, blind)]
+    fleet, assess = Watched(settings, wear), replace(ASSESS, drift=replace(ASSESS.drift, prior=prior))
+    blind = replace(assess, health=replace(assess.health, false_alarms_per_year=OFF))
+    kept = [margin_of(one.result.state.friction, assess.friction) for one in judged_days(fleet, settings.days, blind)]
     return Margins(np.array(kept).reshape(-1, A, J), joint, onset), fleet
 
 
-def margin_of(state: FilterState, drift: DriftSettings) -> Array:
-    """(N,) [χ²] by which the clearest rise is above its threshold."""
-    noise = joint_noise(state, state.noise_var(J, drift), drift)
-    enough = (state.ages >= drift.gate_run - 1) & (state.ages <= (state.replays - drift.baseline_replays)[:, None])
-    expected, rises = state.glr_informations * state.chance.of_starts(), np.maximum(state.glr_scores, 0.0)
-    _, relative = likelihood_ratios(rises, expected, state.glr_informations, state.ages, enough, drift, noise)
-    margin: Array = np.max((relative - 1.0) * thresholds(state.ages, drift, noise), axis=(1, 2))
-    return margin
+def margin_of(state: FrictionState, model: FrictionModel) -> Array:
+    """(N,) [nats] by which R of a rise is above its threshold."""
+    counted = ~state.risen.reshape(-1, J + 1)[:, :J]
+    needed = model.decision.needed(state.peaks, counted, J, state.age_days)[0]
+    margin = np.log(np.maximum(state.odds[0], 1e-9) / needed)
+    told: Array = state.of_joints(np.where(state.risen, np.inf, np.where(state.replays > BEFORE, margin, -np.inf)))
+    return told
 
 
 def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
-    """The margins of an observer who knows noise and temperature, over the monitor's threshold without a prior."""
+    """The evidence of an observer who knows noise and temperature."""
     s, days = fleet.settings, len(fleet.left)
     N, rho = fleet.arms * J, s.autocorrelation
     P = np.zeros((N, 2, 2))  # of level and noise
@@ -97,7 +95,6 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
     mean = np.zeros((N, 2))  # `left` counts from the level
     response, score, information = np.zeros((N, 2, days, 2)), np.zeros((N, 2, days)), np.zeros((N, 2, days))
     starts, kept = np.arange(days), []
-    daily = JointNoise(known=np.zeros(1), var=np.full(1, s.between_std**2), interval_days=np.ones(1))
     for day, (y, within) in enumerate(zip(fleet.left, fleet.variance, strict=True)):
         if day:
             mean[:, 1] *= rho
@@ -116,20 +113,20 @@ def observed(fleet: Watched, like: Margins, *, level_known: bool) -> Margins:
         mean += gain * nu[:, None]
         response += gain[:, None, None, :] * effect[..., None]
         P -= gain[:, :, None] * P.sum(axis=1)[:, None, :]
-        counts = (age >= ASSESS.drift.gate_run) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
+        counts = (age >= 1.0) & (starts >= (0 if level_known else ASSESS.drift.baseline_replays))
         ratio = np.where(counts & (score > 0), score**2 / np.maximum(information, 1e-12), 0.0)
-        kept.append(np.max(ratio - thresholds(age[None], ASSESS.drift, daily), axis=(1, 2)))
+        kept.append(0.5 * np.max(ratio, axis=(1, 2)))
     return Margins(np.array(kept).reshape(-1, fleet.arms, J), like.joint, like.onset)
 
 
-def show(name: str, found: Margins) -> None:
-    """A line: at the own thresholds, and at equal shares of false detections."""
+def show(name: str, found: Margins, *, own: bool) -> None:
+    """A line: at the own threshold, where there is one, and at equal shares of false detections."""
     A = len(found.joint)
     healthy = np.ones((A, J), dtype=bool)
     healthy[np.arange(A), found.joint] = False
     highest = np.sort(found.margin[LEARNING:].max(axis=0)[healthy])[::-1]
     years = len(highest) / J * (len(found.margin) - LEARNING) / 365.0
-    parts = [f"own thresholds {delays(found, 0.0)}, {int((highest > 0).sum())} false in {years:.0f} robot-years"]
+    parts = [f"own threshold {delays(found, 0.0)}, {int((highest > 0).sum())} false in {years:.0f} robot-years"] * own
     for per_year in FALSE_PER_YEAR:
         shift = float(np.interp(per_year * years, np.arange(len(highest)) + 0.5, highest))
         parts.append(f"{per_year:g} a year {delays(found, shift)} ({shift:+.1f})")
@@ -137,7 +134,7 @@ def show(name: str, found: Margins) -> None:
 
 
 def delays(found: Margins, shift: float) -> str:
-    """Quartiles and bounded mean of the days to detection, where thresholds are shifted by so much [χ²]."""
+    """Quartiles and bounded mean of the days to detection, where the threshold is shifted by so much [nats]."""
     own = found.margin[:, np.arange(len(found.joint)), found.joint] > shift
     day = np.where(own.any(axis=0), own.argmax(axis=0).astype(float), np.inf)
     days = np.where(day < found.onset, np.nan, day - found.onset + 1.0)
@@ -158,10 +155,10 @@ def main() -> None:
     prior = fleet_prior(arguments.fleet, 120, settings)
     arms = replace(settings, autocorrelation=arguments.autocorrelation)
     without, fleet = lived(arms, None)
-    show("without", without)
-    show("with prior", lived(arms, prior)[0])
-    show("who knows noise and temperature", observed(fleet, without, level_known=False))
-    show("and the level", observed(fleet, without, level_known=True))
+    show("without", without, own=True)
+    show("with prior", lived(arms, prior)[0], own=True)
+    show("who knows noise and temperature", observed(fleet, without, level_known=False), own=False)
+    show("and the level", observed(fleet, without, level_known=True), own=False)
 
 
 if __name__ == "__main__":

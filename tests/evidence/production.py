@@ -16,12 +16,13 @@ import numpy as np
 
 from monitor.acquire.schedule.needed import SUSPECTED_DAYS, Told, need
 from monitor.acquire.schedule.windows import ScheduleSettings
-from monitor.judge.alerts.evidence import Counts, nothing_counted, raised_by_production, wear_of_state, weigh_evidence
-from monitor.judge.drift.observation import Observation
+from monitor.judge.alerts.evidence import raised_by_production, weigh_evidence
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
-from monitor.judge.drift.suspicion import doubted_rise, suspected_rise
+from monitor.judge.friction.figures import suspected_rise
+from monitor.judge.friction.observation import Observation
 from monitor.judge.settings import AssessSettings
 from monitor.recording import DAY_S, Array, known_or_none
+from monitor.service.history.needed import PRODUCTION_TELLS_DAYS
 from monitor.studies.figures import DAYS_A_YEAR, Rate
 from monitor.studies.rehearsal.fleet import REPLAY_MIN, Day, Fleet, FleetSettings, Wear
 from monitor.studies.rehearsal.play import COMPARABLE, interval_holds
@@ -56,7 +57,7 @@ class Needs:
     def replayed(self, day: float, learnt: np.ndarray, tier: Array, doubted: np.ndarray) -> None:
         """After replays. learnt : (A, J) joints that learned from one; tier : (A, J) to which alerts may be raised, −1: none.
 
-        doubted : (A, J) as `doubted_rise`.
+        doubted : (A, J) of which replays alone tell, and make a rise likely.
         """
         here: np.ndarray = np.any(learnt, axis=1)
         self._replayed = np.where(here, day, self._replayed)
@@ -193,7 +194,7 @@ class Judged(NamedTuple):
     tier: Array  # (N,) to which friction's alerts may be raised, −1: none
     falls: np.ndarray  # (N,)
     together: np.ndarray  # (A,)
-    wanted: Array  # (N,) to which a replay with this evidence might raise them
+    wanted: Array  # (N,) to which a replay with this evidence might raise them; more than any where work alone has found a rise
     now: Day
 
 
@@ -201,20 +202,20 @@ def observed_days(fleet: FleetInProduction, days: int, plan: Plan, assess: Asses
     """A fleet's days by a plan, judged by the daemon's own functions in turn. The arms of a fleet replay on different days."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
-    counts, last, needs = nothing_counted(A * J, A), np.zeros(A), Needs(A, J)
+    last, needs, at_work = np.zeros(A), Needs(A, J), np.full(A * J, -np.inf)  # [d] when work told of each joint last
     turn = np.arange(A) % plan.every_days
     for day in range(days):
         now = fleet.morning(day)  # the day's work comes before its replay, in the next morning
         worked, told = fleet.evening()
         if state is None:
-            state = initial_state(now.seen, J, assess.drift, assess.temperature)
+            state = initial_state(now.seen, J, assess)
         elif plan.production:
             replay = Replay(observation=told, days=np.where(worked, day - 0.6 - last, 0.0), replayed=worked, from_production=True)
-            result = step(state, replay, assess.drift, assess.temperature)
+            result = step(state, replay, assess, in_place=True)
             last = np.where(worked, day - 0.6, last)
-            judged, counts = _weigh(result, counts, day, J, assess, now, from_production=True)
-            state = result.state
-            suspected = suspected_rise(state.filter_state, assess.drift)
+            judged, state = _weigh(result, day, assess, now, from_production=True), result.state
+            at_work = np.where(_learnt(result), day - 0.6, at_work)
+            suspected = suspected_rise(state.friction, assess.friction)
             needs.worked(day - 0.6, *(each.reshape(A, J) for each in (_learnt(result), judged.tier, judged.wanted, suspected)))
             yield judged
         if plan.schedule is None:
@@ -230,33 +231,29 @@ def observed_days(fleet: FleetInProduction, days: int, plan: Plan, assess: Asses
             revolutions=now.revolutions.ravel(),
         )
         last = np.where(due, day, last)
-        result = step(state, replay, assess.drift, assess.temperature)
-        judged, counts = _weigh(result, counts, day, J, assess, now, from_production=False)
-        state = result.state
-        needs.replayed(day, *(each.reshape(A, J) for each in (_learnt(result), judged.tier, doubted_rise(state.filter_state))))
+        result = step(state, replay, assess, in_place=True)
+        judged, state = _weigh(result, day, assess, now, from_production=False), result.state
+        doubted = suspected_rise(state.friction, assess.friction) & (day - at_work > PRODUCTION_TELLS_DAYS)
+        needs.replayed(day, *(each.reshape(A, J) for each in (_learnt(result), judged.tier, doubted)))
         yield judged
 
 
 def _learnt(result: StepResult) -> np.ndarray:
     """(N,) joints that learned from the observation."""
-    learnt: np.ndarray = np.isfinite(result.observation.log_torque) & result.state.filter_state.learnt_from
+    learnt: np.ndarray = np.isfinite(result.observation.log_torque) & result.state.learnt_from
     return learnt
 
 
-def _weigh(
-    result: StepResult, counts: Counts, day: int, joints: int, assess: AssessSettings, now: Day, *, from_production: bool
-) -> tuple[Judged, Counts]:
-    """The tiers after an observation, and the counts of confirmations."""
-    state = result.state.filter_state
-    here = _learnt(result)
-    evidence = weigh_evidence(wear_of_state(state, here & result.inside_range, day), counts, joints, assess.health)
-    # an observation that says nothing of a joint changes none of its alerts
-    evidence = evidence._replace(raises=np.where(here, evidence.raises, -1))
-    wanted, falls, together = evidence.raises, np.logical_and(evidence.falls, here), evidence.together
-    if from_production:
-        evidence = evidence._replace(raises=raised_by_production(evidence))
-        falls, together = np.zeros_like(falls), np.zeros_like(together)
-    return Judged(day, from_production, result, evidence.raises, falls, together, wanted, now), evidence.counts
+def _weigh(result: StepResult, day: int, assess: AssessSettings, now: Day, *, from_production: bool) -> Judged:
+    """The tiers after an observation, which changes no alert of a joint that it says nothing of."""
+    here, evidence = _learnt(result), weigh_evidence(result.state, assess.health)
+    raises = np.where(here, evidence.raises, -1)
+    if not from_production:
+        return Judged(day, from_production, result, raises, evidence.falls & here, evidence.together, raises, now)
+    friction = result.state.friction
+    wanted = np.where(here & friction.of_joints(friction.unconfirmed), len(assess.health.rises), raises)
+    nothing = np.zeros_like(evidence.falls), np.zeros_like(evidence.together)
+    return Judged(day, from_production, result, raised_by_production(raises), *nothing, wanted, now)
 
 
 def played(
@@ -287,7 +284,7 @@ def figures(fleet: FleetInProduction, wear: Wear | None, days: Iterable[Judged],
         if one.day % 10 == 0:
             T0 = one.result.state.reference_temperature_c.reshape(A, -1)
             truth = np.log(fleet.torque(T0, np.exp(one.now.worn))).ravel()
-            inside = interval_holds(truth, one.result.state, assess.drift)
+            inside = interval_holds(truth, one.result.state, assess.friction)
             held = [held[0] + int(inside.sum()), held[1] + N]
     years = A * (settings.days - DAILY_UNTIL) / DAYS_A_YEAR
     found: dict[str, Any] = {"replays_a_year": replays / years, "interval_90": held[0] / max(held[1], 1)}

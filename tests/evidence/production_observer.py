@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
-from monitor.judge.drift.observation import Observation
+from monitor.judge.friction.observation import Observation
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 from monitor.studies.figures import DAYS_A_YEAR

@@ -1,30 +1,51 @@
 """Wear along its paths, over fleets: the path that is found, the life that is told, and what a fleet's prior adds."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthetic_arm import of_arm
-from test_fleet_wear import ASKED, J, learnt, medians, with_wear
-from test_wear_paths import DRIFT, LIFE, PATHS, PROGNOSIS, lives_of, worn_fleet
+from test_wear_paths import LIFE, MODEL, PATHS, PROGNOSIS, lives_of, worn_fleet
 
 from monitor.judge.alerts.remaining_life import remaining_life_of_joint
-from monitor.judge.drift.filter_state import RATE
-from monitor.judge.drift.prior import WearPrior, prior_from_document
+from monitor.judge.friction.figures import wear_and_rate
+from monitor.judge.friction.prior import WearPrior, prior_from_document
 from monitor.judge.settings import AssessSettings
-from monitor.studies.fleet_prior import LearntArm, learn_prior
+from monitor.studies.fleet_prior import Joint, LearntArm, learn_prior, learn_wear
 from monitor.studies.rehearsal.fleet import FleetSettings
 from monitor.studies.rehearsal.play import COMPARABLE, play
 from monitor.studies.rehearsal.rehearse import answers_of, wear_along
 
 pytestmark = pytest.mark.soak
+J, ASKED = 4, 4  # joints of each arm of `worn_fleet`, of which the second wears; arms that are asked
+
+
+def worn_channels(arms: int) -> range:
+    return range(1, arms * (J + 1), J + 1)
+
+
+@functools.cache
+def learnt() -> WearPrior:
+    """What ten arms say whose second joint has worn to six tenths of the limit along a straight path."""
+    state, _ = worn_fleet("straight", 10, 0.6)
+    found = learn_wear([Joint(state, n) for n in worn_channels(10)], MODEL)
+    assert found is not None
+    return found
+
+
+def medians(path: str, asked_at: float, prior: WearPrior | None, seed: int = 0) -> tuple[np.ndarray, float]:
+    """P50 [days] of the arms that have a date, and the truth."""
+    state, left = worn_fleet(path, ASKED, asked_at, seed=seed)
+    lives = [remaining_life_of_joint(state, n, MODEL, PROGNOSIS, prior) for n in worn_channels(ASKED)]
+    return np.array([life.p50_days for life in lives if life.p50_days is not None]), left
 
 
 def test_at_a_third_of_life_a_prior_of_wear_brings_the_median_to_the_truth():
     """Arms that it was not learnt from: within 20 % of the truth in most, and in more of them than without."""
     near = []
-    for drift in (with_wear(None), with_wear(learnt())):
-        days, left = medians("straight", 0.33, drift, seed=5)
+    for prior in (None, learnt()):
+        days, left = medians("straight", 0.33, prior, seed=5)
         near.append(np.mean(np.abs(days - left) <= 0.2 * left))
     assert near[1] > 0.6
     assert near[1] > near[0]
@@ -33,18 +54,10 @@ def test_at_a_third_of_life_a_prior_of_wear_brings_the_median_to_the_truth():
 def test_a_joint_that_wears_otherwise_is_not_held_to_its_fleet():
     """It accelerates; 200 joints of its fleet rise along a straight path, and take three times as long. Its date is hardly later."""
     slow = WearPrior(joints=200, slowing=0.02, straight=0.96, accelerating=0.02, life_days=3.0 * LIFE, life_spread=0.2)
-    days, _ = medians("accelerating", 0.75, with_wear(slow))
-    without, _ = medians("accelerating", 0.75, DRIFT)
+    days, _ = medians("accelerating", 0.75, slow)
+    without, _ = medians("accelerating", 0.75, None)
     assert len(days) == len(without) == ASKED
     assert np.median(days) < 1.2 * np.median(without)
-
-
-def test_a_prior_that_says_nothing_of_wear_changes_no_date():
-    """A document of an earlier release has no such figures: every field of remaining life is the same to the bit."""
-    state, _ = worn_fleet("accelerating", ASKED, 0.75)
-    for k in range(2):
-        lives = [remaining_life_of_joint(state, J * k + 1, drift, PROGNOSIS) for drift in (with_wear(None), DRIFT)]
-        assert lives[0] == lives[1]
 
 
 @pytest.mark.timeout(3600)
@@ -58,8 +71,8 @@ def test_remaining_life_at_a_quarter_of_life(soak_row, request, path: str, sprea
     rng, assess, arms = np.random.default_rng(29), AssessSettings(), 96
     rate, joint = 0.3 * np.exp(spread * rng.normal(size=arms)) / 365.0, rng.integers(0, 6, arms)
     fleet = FleetSettings(arms=arms, days=260, seed=31, scenarios=COMPARABLE)
-    state = play(fleet, assess, wear_along(path, rate, joint, assess.prognosis.limit_rise)).state.filter_state
-    learnt_from = [LearntArm(f"cell-{k}", "ur5", of_arm(state, k, 6), 260.0) for k in range(arms)]
+    state = play(fleet, assess, wear_along(path, rate, joint, assess.prognosis.limit_rise)).state.friction
+    learnt_from = [LearntArm(f"cell-{k}", "ur5", of_arm(state, k), 260.0) for k in range(arms)]
     document = learn_prior(learnt_from, assess.drift, assess.temperature)
     prior = prior_from_document(document, "ur5", 6, assess.drift.reference_speed_rad_s, digest="0")
     rate, joint = np.sort(0.3 * np.exp(spread * rng.normal(size=arms))) / 365.0, rng.integers(0, 6, arms)
@@ -95,12 +108,12 @@ def test_the_path_of_wear_is_found_and_its_life_held(path):
 
 
 def test_an_accelerating_joint_is_not_told_half_its_rate():
-    """The filter's rate is that of a straight line; the rate along the paths is within 35 % of the truth in the median of 8 arms."""
+    """The rate as found is that of a straight line; the rate along the paths is within 35 % of the truth in the median of 8 arms."""
     state, _ = worn_fleet("accelerating", 8, 0.75)
     truth = 0.3 * 3.0 * np.exp(3.0 * 0.75) / np.expm1(3.0) / LIFE
     told = np.median([life.rate_per_day / truth for life in lives_of(state) if life.rate_per_day is not None])
     assert 0.7 < told < 1.4
-    assert told > 1.1 * np.median(state.filter_state.mean[1::4, RATE]) / truth
+    assert told > 1.1 * np.median(wear_and_rate(state).mean[1::J, 1]) / truth
 
 
 @pytest.mark.parametrize("path", list(PATHS))

@@ -15,7 +15,7 @@ import scipy
 from monitor.errors import BadInput
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
-from monitor.judge.drift.observation import observe
+from monitor.judge.friction.observation import observe
 from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel
 from monitor.judge.torque.predictor import predict_torque

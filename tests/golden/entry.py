@@ -21,7 +21,9 @@ from monitor.identify.document import document as identification_document
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
+from monitor.judge.belief import Belief
 from monitor.judge.document import plain
+from monitor.judge.friction.figures import found_wear
 from monitor.judge.settings import AssessSettings
 from monitor.publish.metrics import MetricsServer, families
 from monitor.publish.session import session_config
@@ -140,10 +142,18 @@ def judged(manifest_file: Path, config: Path) -> Iterator[dict[str, Any]]:
             "friction": plain(outcome.friction),
             "transitions": [{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
             "identification": identification_document(outcome.identification),
-            "belief": outcome.belief.as_document(),
+            "belief": {**outcome.belief.as_document(), **_opened(outcome.belief)},
             "health": outcome.health.as_document(),
             "model": outcome.model.as_document(),
         }
+
+
+def _opened(belief: Belief) -> dict[str, Any]:
+    """The packed states of a belief by figures, without the covariances: a difference of these means something."""
+    names = ("x", "p", "scale", "log_evidence", "odds", "peaks", "risen", "fell", "moved", "found", "replays", "slot")
+    states = {"friction": belief.friction, **belief.beside}
+    opened = {series: {name: plain(getattr(state, name)) for name in names} for series, state in states.items()}
+    return {"friction": opened.pop("friction"), "beside": opened}
 
 
 def small_fleet(*, arms: int, days: int, seed: int) -> dict[str, Any]:
@@ -153,7 +163,7 @@ def small_fleet(*, arms: int, days: int, seed: int) -> dict[str, Any]:
     played = play_fleet(FleetSettings(arms=arms, days=days, seed=seed), AssessSettings(), wear, learning=40)
     names = ("tier_day", "falling_day", "common_day", "early", "covered", "covered_worn", "slope_error_per_k")
     arrays = {name: plain(getattr(played, name)) for name in names}
-    return {**arrays, "wear": plain(played.state.filter_state.wear), "wear_std": plain(played.state.filter_state.wear_std)}
+    return {**arrays, **dict(zip(("wear", "wear_std"), map(plain, found_wear(played.state.friction)), strict=True))}
 
 
 # --- the daemon ----------------------------------------------------------------------------------------------------------

@@ -412,12 +412,12 @@ BUS: dict[str, tuple[str, ...]] = {  # what holds for all documents
 
 ALERTS: dict[str, tuple[str, ...]] = {  # each condition (`judge.alerts`)
     "wear_rising": (
-        "judge/test_rules.py::test_wear_is_reported_at_the_third_replay_that_agrees",
+        "judge/test_rules.py::test_a_rise_that_was_found_is_told_at_once_by_its_size",
         "test_assess.py::test_wear_of_ten_percent_a_month_is_detected_in_its_joint",
     ),
     "sudden_step": (
         "test_assess.py::test_a_step_of_eight_percent_is_detected",
-        "judge/test_learn.py::test_three_outliers_in_a_row_on_one_side_are_a_step",
+        "judge/test_learn.py::test_a_jump_that_stays_is_a_step_within_days",
     ),
     "friction_falling": ("judge/test_rules.py::test_falling_friction_is_reported_and_is_no_wear",),
     "common_mode": (
@@ -436,15 +436,15 @@ ALERTS: dict[str, tuple[str, ...]] = {  # each condition (`judge.alerts`)
         "judge/test_temperature.py::test_any_sensors_that_stand_still_are_told_whatever_the_others_do",
     ),
     "current_noise": (
-        "judge/test_channels.py::test_a_noisier_current_is_told_as_noise_and_not_as_wear",
+        "judge/test_beside.py::test_a_noisier_current_is_told_as_noise_and_not_as_wear",
         "identify/test_ripple.py::test_the_noise_of_a_joints_current_is_measured_whatever_the_motion_and_spikes",
     ),
     "data_quality": (
-        "judge/test_learn.py::test_a_single_outlier_is_not_learnt_from_and_is_reported",
+        "judge/test_learn.py::test_a_single_outlier_teaches_little_and_is_reported",
         "judge/test_alert_evidence.py::test_a_replay_without_data_of_the_joint_does_not_clear_its_acknowledged_alert",
     ),
     "outside_range": (
-        "judge/test_rules.py::test_replays_outside_the_learnt_temperatures_count_for_nothing",
+        "judge/test_rules.py::test_a_joint_outside_the_learnt_temperatures_is_off_spec",
         "judge/test_conditions.py::test_a_new_temperature_that_stays_is_learnt_and_raises_nothing",
     ),
     "store_restored": ("publish/test_restored_history.py::test_a_restored_history_is_an_alert_until_it_is_acknowledged",),
@@ -466,7 +466,7 @@ VERDICTS: dict[str, tuple[str, ...]] = {  # how they are found, kept and explain
         "judge/test_alert_evidence.py::test_the_gravest_moment_stays_with_its_figures_date_and_sentence",
         "judge/test_alert_evidence.py::test_the_first_acknowledgement_stays_and_later_ones_are_appended",
     ),
-    "reasons why not": ("judge/test_rules.py::test_the_reasons_why_a_joint_does_not_alert_are_given",),
+    "reasons why not": ("judge/test_rules.py::test_the_reasons_why_a_joint_does_not_alert_are_given_in_the_models_terms",),
     "causes of a change": ("judge/test_rules.py::test_a_change_is_attributed_to_its_causes",),
     "temperature is no wear": (
         "test_assess.py::test_a_cold_monday_is_no_wear",
@@ -474,8 +474,8 @@ VERDICTS: dict[str, tuple[str, ...]] = {  # how they are found, kept and explain
     ),
     "quiet year": ("test_assess.py::test_a_quiet_year_raises_no_wear_alert",),
     "side channels": (
-        "judge/test_channels.py::test_wear_that_leaves_friction_at_the_reference_speed_is_found_within_30_days",
-        "judge/test_channels.py::test_the_alert_of_an_arm_says_which_channel_found_it",
+        "judge/test_beside.py::test_wear_that_leaves_friction_at_the_reference_speed_is_found_within_30_days",
+        "judge/test_beside.py::test_the_alert_of_an_arm_says_which_series_found_it",
     ),
     "remaining life": (
         "test_assess.py::test_remaining_life_is_near_the_truth_for_a_constant_rate",

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 SMALL_LINES = 70  # a module below it with one importer belongs to its importer
-CLOSURES = {"daemon": "monitor.service.run", "filter step": "monitor.judge.drift.step"}
+CLOSURES = {"daemon": "monitor.service.run", "step": "monitor.judge.drift.step"}
 
 
 def figures(repo: Path) -> dict[str, object]:

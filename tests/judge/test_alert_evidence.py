@@ -12,7 +12,7 @@ from monitor.errors import BadInput
 from monitor.judge.alerts.health import alert_document, alert_from_document, health_from_document
 from monitor.judge.alerts.life_cycle import acknowledge, shelve, unacknowledge, unshelve
 from monitor.judge.alerts.rules import judge
-from monitor.judge.drift.filter_state import UNRESOLVED
+from monitor.judge.drift.step import UNRESOLVED
 
 SERIALS = ("a", "b", "c", "d", "e", "f")
 
@@ -20,9 +20,9 @@ SERIALS = ("a", "b", "c", "d", "e", "f")
 def unheard(day: float, joint: int):
     """A belief after a replay that did not resolve this joint, whose wear estimate is meanwhile 0."""
     belief = belief_on(day)
-    event = belief.filter_state.event.copy()
+    event = belief.event.copy()
     event[joint - 1] = UNRESOLVED
-    return replace(belief, filter_state=replace(belief.filter_state, event=event))
+    return replace(belief, event=event)
 
 
 def test_the_gravest_moment_stays_with_its_figures_date_and_sentence():
@@ -49,6 +49,7 @@ def test_a_new_serial_number_attributes_nothing_to_the_context():
     history = History()
     for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, 0.5 * (day >= 15), 0, 0, 0])), replace(CONTEXT, joint_serials=SERIALS))
+    assert [alert.joint for alert in history.health.active_alerts] == [3]
     renewed = replace(CONTEXT, joint_serials=("a", "b", "NEW", "d", "e", "f"))
     for day in range(40, 46):
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0, -0.1, 0, 0, 0])), renewed)

@@ -14,10 +14,7 @@ from synthetic_arm import Arm, History, fresh, weather
 from monitor.errors import BadInput
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain, typed
-from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.recording import Array
-
-LAWS = TemperatureSettings()
 
 
 def test_a_belief_read_from_json_gives_the_same_next_assessment():
@@ -38,7 +35,9 @@ def test_a_belief_read_from_json_gives_the_same_next_assessment():
     ("spoil", "says"),
     [
         ({"schema_version": 99}, "schema_version is 99"),
-        ({"filter_state": {}}, "filter_state: the key"),
+        ({"friction": {}}, "friction: is no state of the judge"),
+        ({"friction": "AAAA"}, "friction: is no state of the judge"),
+        ({"beside": {"slow": "nothing"}}, "beside: slow: is no state of the judge"),
         ({"temperature_c": "much"}, "temperature_c is not an array"),
         ({"viscous": {}}, "viscous: the key"),
         ({"replays": "many"}, "many"),
@@ -54,14 +53,14 @@ def test_a_damaged_belief_is_refused_with_the_name_of_its_key(spoil, says):
 def test_a_belief_without_a_key_is_refused():
     """The message names the missing key."""
     document = fresh().as_document()
-    del document["filter_state"]["noise_weight"]
-    with pytest.raises(BadInput, match="'noise_weight' is missing"):
+    del document["usage"]["per_day"]
+    with pytest.raises(BadInput, match="'per_day' is missing"):
         belief_from_document(document)
 
 
 def test_a_belief_of_another_schema_is_refused_with_what_to_do():
     """It cannot be carried over; the message says how the history is kept."""
-    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 5\. .*joint-monitor assess"):
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 6\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})
 
 

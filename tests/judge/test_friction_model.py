@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import monitor.judge.friction.step as friction
-from monitor.judge.drift.observation import Observation
 from monitor.judge.friction.beside import model_beside, observations_beside
 from monitor.judge.friction.decision import DecisionSettings
 from monitor.judge.friction.noise import Kind, NoisePriors, noise_of_fleet
+from monitor.judge.friction.observation import Observation
 from monitor.judge.friction.posterior import Mixture
 from monitor.judge.friction.states import LEVEL, NOISE, RATE, WEAR, Priors, row, viscous_distance
 from monitor.judge.friction.step import FrictionModel, initial_state, may_have_moved, refer, rescale_use, step

@@ -8,37 +8,31 @@ from synthetic_arm import CONTEXT, COULOMB_NM, START_S, Arm, History, fresh, liv
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.rules import why_not_alerting
-from monitor.judge.drift.filter_state import (
-    OUTLIER,
-    SLOPE,
-    STEP,
-    UNRESOLVED,
-    FilterState,
-    predict_filter,
-)
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.drift.step import OUTLIER, STEP, UNRESOLVED
+from monitor.judge.friction.figures import noise_correlation, noise_var
+from monitor.judge.friction.states import SLOPE
+from monitor.judge.friction.step import FrictionState
 from monitor.judge.learn import learn
-from monitor.judge.settings import HealthSettings
-from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.settings import AssessSettings
 
-LAWS = TemperatureSettings()
+SETTINGS = AssessSettings()
 
 
 def test_a_replay_before_the_beliefs_time_is_an_error():
     """BadInput names the time."""
     with pytest.raises(BadInput, match="before it"):
-        learn(fresh(), Arm().replay(30.0), CONTEXT, START_S - 1.0, settings=DriftSettings(), laws=LAWS)
+        learn(fresh(), Arm().replay(30.0), CONTEXT, START_S - 1.0, SETTINGS)
 
 
-def test_a_single_outlier_is_not_learnt_from_and_is_reported():
-    """A replay 40 % off, where 4 σ are 8 %, leaves every mean at its prediction; a warning names the joint."""
+def test_a_single_outlier_teaches_little_and_is_reported():
+    """A replay 40 % off moves friction by less than one replay's noise; a warning names the joint."""
     history = History()
     for day in range(20):
         history.add(day, Arm(seed=day).replay(30.0))
-    before = history.last.belief
+    before = history.last.friction[1].reference_torque_nm
     wild = history.add(20, Arm(seed=99).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
     assert wild.belief.event[1] == OUTLIER
-    assert np.allclose(wild.belief.filter_state.mean[1], predict_filter(before.filter_state, np.ones(6), 6, DriftSettings()).mean[1])
+    assert wild.friction[1].reference_torque_nm == pytest.approx(before, rel=0.02)
     assert any(warning.code == "outlier" and "joint 2" in warning.text for warning in wild.warnings)
     assert wild.health.joints[1].state == "CHECK_FUNCTION"
     calm = history.add(21, Arm(seed=21).replay(30.0))
@@ -46,14 +40,19 @@ def test_a_single_outlier_is_not_learnt_from_and_is_reported():
     assert not history.transitions
 
 
-def test_three_outliers_in_a_row_on_one_side_are_a_step():
-    """A 40 % jump that stays is detected at the third replay, to within 3 σ of one replay (6 %)."""
+def test_a_jump_that_stays_is_a_step_within_days():
+    """A 40 % jump is found within six replays, is known to within 6 % three later, and no bad data are told meanwhile."""
     history = History()
-    for day in range(20):
+    for day in range(40):
         history.add(day, Arm(seed=day).replay(30.0))
-    for day in range(20, 23):
+    for day in range(40, 46):
         last = history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
+        if last.belief.event[1] == STEP:
+            break
     assert last.belief.event[1] == STEP
+    for after in range(day + 1, day + 4):
+        last = history.add(after, Arm(seed=after).replay(30.0, np.array([0, 0.4, 0, 0, 0, 0])))
+    assert {condition for _, _, _, condition, _ in history.transitions} == {"sudden_step"}
     assert abs(last.friction[1].wear - 0.4) < 0.4 * 0.06 + 0.06
     assert all(abs(joint.wear) < 0.03 for joint in last.friction if joint.joint != 2)  # no other joint changed
 
@@ -70,23 +69,23 @@ def test_outliers_on_both_sides_are_no_step():
 
 
 @pytest.fixture(scope="module")
-def quiet() -> FilterState:
+def quiet() -> FrictionState:
     """After 150 quiet replays: an arm with noise of 1 %, one of 3 %, and of 2 % one with ρ = 0 and one with ρ = 0.5."""
     arms = (Arm(seed=3, noise=0.01), Arm(seed=3, noise=0.03), Arm(seed=4), Arm(seed=4, autocorrelation=0.5))
-    return lived_together([[arm.replay(30.0) for _ in range(150)] for arm in arms])[-1].filter_state
+    return lived_together([[arm.replay(30.0) for _ in range(150)] for arm in arms])[-1].friction
 
 
 @pytest.mark.parametrize(("arm", "noise"), [(0, 0.01), (1, 0.03)])
 @pytest.mark.slow
 def test_the_noise_between_replays_is_learnt(quiet, arm, noise):
     """After 150 quiet replays the estimated noise is the true noise, to 30 % averaged over the joints. Its prior is 2 %."""
-    estimated = np.sqrt(quiet.noise_var(6, DriftSettings())).reshape(-1, 6)[arm]
+    estimated = np.sqrt(noise_var(quiet, SETTINGS.friction)).reshape(-1, 6)[arm]
     assert np.mean(estimated) == pytest.approx(noise, rel=0.3)
 
 
 def test_the_autocorrelation_of_the_noise_is_learnt(quiet):
     """The mean over the joints after 150 replays distinguishes ρ = 0.5 from ρ = 0; its σ is about 0.03."""
-    learnt = quiet.autocorrelation(6, DriftSettings()).reshape(-1, 6).mean(axis=1)
+    learnt = noise_correlation(quiet, SETTINGS.friction).reshape(-1, 6).mean(axis=1)
     assert learnt[2] < 0.2
     assert learnt[3] > 0.3
 
@@ -101,7 +100,8 @@ def test_the_temperature_slope_is_learnt():
     fv = arm.viscous * np.exp(-0.015 * (belief.reference_temperature_c - 25.0)) * 0.4
     truth = 0.015 * fv / (COULOMB_NM + fv)
     error = np.abs(belief.slope - truth)
-    assert np.all(error < 3 * np.sqrt(belief.filter_state.cov[:, SLOPE, SLOPE]))
+    state = belief.friction
+    assert np.all(error < 3 * np.sqrt(state.of_joints((state.p * state.P[:, SLOPE, SLOPE]).sum(axis=0))))
     assert np.all(error < 0.0015)
 
 
@@ -110,9 +110,9 @@ def test_a_new_payload_keeps_the_wear_and_is_reported():
     """In a new context the level is unknown and the wear is kept; later wear is measured against the new level."""
     history = History()
     for day in range(60):
-        history.add(day, Arm(seed=day, noise=0.005).replay(30.0, np.array([0, 0, 0.002 * day, 0, 0, 0])))
+        history.add(day, Arm(seed=day, noise=0.005).replay(30.0, np.array([0, 0, 0.12 * (day > 30), 0, 0, 0])))
     before = history.last.friction[2].wear
-    assert before > 0.08  # 11.8 % were there
+    assert before == pytest.approx(0.12, abs=0.02)
     heavier = replace(CONTEXT, payload_kg=3.0)
     loaded = Arm(seed=60, noise=0.005).replay(30.0, 0.3 + 0.0 * COULOMB_NM)  # a payload that raises friction by 30 %
     after = history.add(60, loaded, heavier)
@@ -144,27 +144,27 @@ def test_an_unresolved_joint_keeps_its_prediction():
     slow = replace(Arm(seed=5).replay(30.0), max_speed_rad_s=np.array([2.0, 2.0, 2.0, 0.1, 2.0, 2.0]))
     after = history.add(5, slow)
     assert after.belief.event[3] == UNRESOLVED
-    assert np.array_equal(after.belief.filter_state.mean[3], predict_filter(before.filter_state, np.ones(6), 6, DriftSettings()).mean[3])
+    now, was = (of.reference_torque_nm(SETTINGS.friction)[0][3] for of in (after.belief, before))
+    assert now == pytest.approx(was, rel=0.01)
     assert after.health.joints[3].state == "CHECK_FUNCTION"
 
 
 def test_without_temperatures_the_uncertainty_is_larger_and_no_wear_alert_is_raised():
     """Without a sensor, 15 % more friction may be a cold morning: it is learnt with a larger uncertainty, and a warning says so."""
     with_t, without = History(), History()
-    for day in range(40):
-        seen = Arm(seed=day).replay(30.0, 0.15 if day > 20 else 0.0)
+    for day in range(55):
+        seen = Arm(seed=day).replay(30.0, 0.15 if day > 40 else 0.0)
         with_t.add(day, seen)
         blind = without.add(day, replace(seen, temperature_c=None))
         if day == 2:  # later the scatter that is seen decides how sure one may be
-            assert np.all(
-                blind.belief.reference_torque_nm(DriftSettings())[1] > 1.2 * with_t.last.belief.reference_torque_nm(DriftSettings())[1]
-            )
+            sure, unsure = (of.reference_torque_nm(SETTINGS.friction)[1] for of in (with_t.last.belief, blind.belief))
+            assert np.all(unsure > 1.2 * sure)
     assert with_t.transitions
     assert any(warning.code == "temperature_unknown" for warning in blind.warnings)
     # but one alert of the arm reports the missing temperatures, and the reason of each joint is right
     assert [(kind, joint, condition) for _, kind, joint, condition, _ in without.transitions] == [("raised", None, "temperature_sensor")]
     assert without.health.state == "CHECK_FUNCTION"
-    reasons = " ".join(each.text for each in why_not_alerting(without.health, blind.belief, 3, HealthSettings()))
+    reasons = " ".join(each.text for each in why_not_alerting(without.health, blind.belief, 3, SETTINGS))
     assert "does not tell this joint's temperature" in reasons
     assert "outside the temperatures" not in reasons
 
@@ -234,10 +234,10 @@ def test_a_fast_warm_up_is_no_wear():
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (1, 2))])
 @pytest.mark.slow
 def test_fast_wear_is_estimated(seed):
-    """2 % a day from day 40 on: ten days later the estimated wear is within 2.5 of its standard deviations, and within 4 %."""
+    """2 % a day from day 40 on: ten days later the estimated wear is within 3 of its standard deviations, and within 5 %."""
     history, arm, rng = History(), Arm(seed=seed, noise=0.01), np.random.default_rng(seed)
     for day in range(51):
         history.add(day, arm.replay(weather(day, rng), np.array([0, 0, 0.02 * max(0, day - 40), 0, 0, 0])))
     friction_3 = history.last.friction[2]
-    assert friction_3.wear == pytest.approx(0.20, abs=0.04)
-    assert abs(friction_3.wear - 0.20) < 2.5 * friction_3.wear_std
+    assert friction_3.wear == pytest.approx(0.20, abs=0.05)
+    assert abs(friction_3.wear - 0.20) < 3.0 * friction_3.wear_std

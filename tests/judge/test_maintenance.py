@@ -32,8 +32,8 @@ def serviced(history: History, joint: int, kind: str, day: float) -> list[Transi
     """Work declared between two replays, as the command does it."""
     at = START_S + day * DAY_S
     act = Maintenance(joint, kind, at, at, "Ada", "it was noisy")
-    belief, maintenance = begin_maintenance(history.last.belief, (act,))
-    belief = with_new_joints(belief, maintenance, history.settings.drift, history.settings.temperature)
+    belief, maintenance = begin_maintenance(history.last.belief, (act,), history.settings)
+    belief = with_new_joints(belief, maintenance, history.settings)
     health, transitions = declare(history.health, maintenance, at)
     belief = belief_from_document(json.loads(json.dumps(belief.as_document())))
     history.last, history.health = replace(history.last, belief=belief, health=health), health
@@ -68,7 +68,7 @@ def test_a_replaced_joint_has_no_alert_at_once_and_everything_is_learnt_anew():
     assert cleared.alert.gravest.text == alert.gravest.text
     assert history.health.state == "NORMAL"
     assert history.last.belief.maintenance[0].outcome == NEW_JOINT
-    assert history.last.belief.filter_state.replays[2] == 0
+    assert history.last.belief.learnt_replays[2] == 0
     before = history.last.belief.wear[[0, 1, 3, 4, 5]]
     after(history, 3, -0.1, range(40, 70))
     assert not rises(history, 3)
@@ -85,7 +85,7 @@ def test_a_serviced_joint_waits_for_its_proof_and_is_normal_once_replays_have_sh
     [waiting] = serviced(history, 2, kind, 39.5)
     assert (waiting.kind, waiting.alert.active, waiting.alert.awaiting_proof) == ("serviced", True, True)
     assert history.health.joints[1].state == "CHECK_FUNCTION"
-    [why] = why_not_alerting(history.health, history.last.belief, 2, history.settings.health)
+    [why] = why_not_alerting(history.health, history.last.belief, 2, history.settings)
     assert "The next replays show what it did" in why.text
     maintenance = after(history, 2, -0.03, range(40, 70))
     assert list(maintenance) == [42]
@@ -136,7 +136,7 @@ def test_serial_numbers_declared_first_after_a_repair_clear_the_alert_by_what_re
     history = History()
     for day in range(PRODUCTION_DAY):
         history.add(day, Arm(seed=day).replay(30.0, np.array([0, 0.2, 0.5, 0, 0, 0]) * (day >= WORN_DAY)))
-    assert [alert.joint for alert in history.health.active_alerts] == [2, 3]
+    assert sorted(alert.joint for alert in history.health.active_alerts) == [2, 3]
     declared = replace(CONTEXT, joint_serials=SERIALS)
     for day in range(PRODUCTION_DAY, PRODUCTION_DAY + 20):
         history.add(day, Arm(seed=1000 + day).replay(30.0, np.array([0, 0.2, -0.05, 0, 0, 0])), declared)

@@ -1,11 +1,13 @@
 """When friction reaches its limit: the distribution, its quantiles, and when there is no date."""
 
+import doctest
 import math
 
 import numpy as np
 import pytest
 import scipy
 
+import monitor.judge.alerts.remaining_life as life_of
 from monitor.errors import BadConfiguration
 from monitor.judge.alerts.remaining_life import first_passage, remaining_life
 from monitor.judge.settings import PrognosisSettings
@@ -87,3 +89,9 @@ def test_settings_out_of_bounds_are_refused():
         PrognosisSettings(limit_rise=0.0)
     with pytest.raises(BadConfiguration, match=r"prognosis\.trend_sure"):
         PrognosisSettings(trend_sure=1.0)
+
+
+def test_the_example_of_remaining_life_runs():
+    result = doctest.testmod(life_of)
+    assert result.attempted > 5
+    assert result.failed == 0

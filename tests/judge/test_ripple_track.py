@@ -12,13 +12,12 @@ from monitor.judge.assess import judge_identification
 from monitor.judge.belief import belief_from_document
 from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple, update_ripple
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.production import assess_production
 from monitor.judge.production_observation import ProductionObservation
-from monitor.judge.settings import HealthSettings
-from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.judge.settings import AssessSettings
 from monitor.publish.documents import Friction
 
+SETTINGS = AssessSettings()
 CYCLES = np.tile([101.0, 202.0, 404.0], (6, 1))
 
 
@@ -90,13 +89,12 @@ def test_the_track_walks_from_replay_to_replay_whatever_production_told_between(
     belief = None
     for day in range(5):
         belief = (known := judged(belief, day, 0.030)).belief
-    at, torque, unknown = (100 + 34) * DAY_S - 7200.0, belief.reference_torque_nm(DriftSettings())[0], np.full(6, np.nan)
+    at, torque, unknown = (100 + 34) * DAY_S - 7200.0, belief.reference_torque_nm(SETTINGS.friction)[0], np.full(6, np.nan)
     seen = ProductionObservation(
         begin_unix_s=at - 3600.0, end_unix_s=at, reference_speed_rad_s=0.4, friction_nm=torque, deviation_nm=0.05 * torque,
         noise_nm=0.005 * torque, temperature_c=np.full(6, 25.0), share=unknown, known=np.ones(6),
     )  # fmt: skip
-    settings = {"settings": DriftSettings(), "laws": TemperatureSettings(), "limits": HealthSettings()}
-    told = assess_production(seen, CONTEXT, belief=belief, health=known.health, **settings).belief
+    told = assess_production(seen, CONTEXT, belief=belief, health=known.health, settings=SETTINGS).belief
     assert told.at_unix_s == at
     alone, after_production = (judged(each, 34, 0.030).belief.ripple for each in (belief, told))
     assert after_production.track_var[:, 0] == pytest.approx(alone.track_var[:, 0], rel=1e-6)

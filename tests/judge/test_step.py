@@ -11,16 +11,16 @@ import pytest
 from synthetic_arm import CONTEXT, Arm, History, weather
 
 from monitor.judge.drift import step
-from monitor.judge.drift.filter_state import RATE, WEAR
-from monitor.judge.drift.observation import Observation
-from monitor.judge.drift.update import filter_update
+from monitor.judge.friction import step as friction
+from monitor.judge.friction.figures import wear_and_rate
+from monitor.judge.friction.observation import Observation
 from monitor.judge.settings import AssessSettings
 from monitor.reason import Reason
 from monitor.studies.rehearsal.fleet import FleetSettings, Wear
 from monitor.studies.rehearsal.play import play
 
 ASSESS = AssessSettings()
-DAYS, JUMP_DAY = 20, 11
+DAYS, JUMP_DAY = 45, 25
 DAMAGES = {}  # stage → (module in which it is looked up, its name, the damaged stage)
 
 
@@ -34,27 +34,17 @@ def damaged(module, name):
     return register
 
 
-@damaged(step, "check_sensors")
+@damaged(step, "_check_sensors")
 def every_third_sensor_is_stuck(sound, *args):
-    state, stuck, _ = sound(*args)
+    sensors, stuck, _ = sound(*args)
     wrong = np.arange(len(stuck)) % 3 == 0
-    return state, wrong, wrong
+    return sensors, wrong, wrong
 
 
-@damaged(step, "withhold")
+@damaged(step, "_withhold")
 def everything_of_joint_2_is_withheld(sound, *args):
     seen = sound(*args)
     return seen._replace(log_torque=np.where(np.arange(len(seen.log_torque)) % 6 == 1, np.nan, seen.log_torque))
-
-
-@damaged(step, "enter_context")
-def contexts_are_not_told_apart(sound, state, *args):
-    return state
-
-
-@damaged(step, "age")
-def time_stands_still(sound, state, days, revolutions, drift):
-    return sound(state, 0.0 * days, revolutions, drift)
 
 
 @damaged(step, "update_usage")
@@ -63,79 +53,55 @@ def every_day_is_two_days_of_production(sound, *args):
     return production._replace(usual_days=2.0 * production.usual_days)
 
 
-@damaged(step, "rescale_rate")
-def the_wear_rate_is_halved(sound, state, factor):
-    return sound(state, 0.5 * factor)
-
-
-@damaged(step, "predict_filter")
-def wear_does_not_go_on(sound, state, *args):
-    return replace(sound(state, *args), mean=state.mean)
-
-
-@damaged(step, "update_interval")
-def the_interval_is_not_learnt(sound, state, days):
-    return replace(state, interval_days=state.interval_days + 1.0)
-
-
 @damaged(step, "inside_range")
 def every_temperature_is_out_of_range(sound, range_c, temperature_c, margin_k):
     return np.zeros(len(temperature_c), dtype=bool)
 
 
-@damaged(step, "remember_baseline")
+@damaged(step, "_remember_baseline")
 def the_first_replays_are_forgotten(sound, state, *args):
     return state
 
 
-@damaged(step, "settle_reference")
-def the_reference_temperature_stays_the_first_one(sound, state, *args):
-    return state
-
-
-@damaged(step, "learn_laws")
+@damaged(step, "_learn_laws")
 def the_laws_do_not_learn(sound, state, *args):
     return state
 
 
-@damaged(filter_update, "innovate")
-def the_innovation_has_the_wrong_sign(sound, *args):
-    innovation = sound(*args)
-    return innovation._replace(value=-innovation.value, normalised=-innovation.normalised)
+@damaged(step, "_look_beside")
+def nothing_beside_is_looked_at(sound, state, *args):
+    return state.beside
 
 
-@damaged(filter_update, "gate_outliers")
-def nothing_is_an_outlier(sound, *args):
-    gate = sound(*args)
-    return gate._replace(gated=np.zeros_like(gate.gated), in_a_row=np.zeros_like(gate.in_a_row))
+@damaged(friction, "_age")
+def time_stands_still(sound, state, days, use, model):
+    return sound(state, 0.0 * days, 0.0 * use, model)
 
 
-@damaged(filter_update, "advance_bank")
-def a_change_has_no_evidence(sound, *args):
-    bank = sound(*args)
-    return replace(bank, glr_score_now=0.0 * bank.glr_score_now)
+@damaged(friction, "_remember")
+def the_reference_temperature_stays_the_first_one(sound, state, seen):
+    return None
 
 
-@damaged(filter_update, "detect_change")
-def no_change_is_found(sound, state, *args):
-    change = sound(state, *args)
-    none = np.zeros_like(change.of_wear)
-    return change._replace(mean=state.mean, cov=state.cov, of_baseline=none, of_wear=none)
+@damaged(friction, "_learn")
+def the_measurement_is_ignored(sound, state, seen, model, production):
+    return None
 
 
-@damaged(filter_update, "classify")
-def every_replay_is_ordinary(sound, *args, **kwargs):
-    return 0.0 * sound(*args, **kwargs)
+@damaged(friction, "follow_scale")
+def the_noise_is_not_learnt(sound, scale, *args):
+    return scale
 
 
-@damaged(filter_update, "update")
-def the_measurement_is_ignored(sound, mean, cov, *args):
-    return mean, cov
+@damaged(friction, "absorb")
+def a_change_that_was_found_is_not_part_of_the_filters(sound, *args):
+    return None
 
 
-@damaged(filter_update, "update_noise")
-def the_noise_is_not_learnt(sound, state, *args):
-    return state
+@damaged(friction, "crossings")
+def no_change_is_found(sound, *args):
+    told = sound(*args)
+    return told._replace(rises=0 * told.rises > 0, falls=0 * told.falls > 0, common=0 * told.common > 0)
 
 
 def verdict() -> str:
@@ -156,10 +122,11 @@ def figures() -> str:
     A = 8
     joint = np.arange(A) % 6.0
     wear = Wear(joint=joint, onset_day=np.full(A, float(JUMP_DAY)), step=np.full(A, 0.4), per_day=np.full(A, 0.001))
-    played = play(FleetSettings(arms=A, days=DAYS, seed=3), ASSESS, wear, learning=6)
+    played = play(FleetSettings(arms=A, days=DAYS, seed=3), ASSESS, wear, learning=15)
     state = played.state
     arrays = [played.tier_day, played.falling_day, played.common_day, played.covered, played.slope_error_per_k]
-    arrays += [state.reference_temperature_c, state.first_log_torque, state.viscous.range_c, state.filter_state.mean[:, [WEAR, RATE]]]
+    arrays += [state.reference_temperature_c, state.first_log_torque, state.viscous.range_c, wear_and_rate(state.friction).mean]
+    arrays += [series.p for series in state.beside.values()]
     return " ".join(hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() for array in arrays)
 
 
@@ -223,26 +190,23 @@ def days_of_two_arms(number: int) -> list[Observation]:
 
 def test_an_arm_that_is_absent_at_the_beginning_is_learnt_when_it_comes():
     """Its unknown share of viscous friction in the fleet's first replay leaves no unknown figure behind."""
-    drift, temperature = ASSESS.drift, ASSESS.temperature
     seen = days_of_two_arms(10)
-    state = step.initial_state(seen[0], 6, drift, temperature)
+    state = step.initial_state(seen[0], 6, ASSESS)
     for day, observation in enumerate(seen):
         here = np.array([True, day > 0])
         days = np.array([float(day > 0), float(day > 1)])
-        state = step.step(state, step.Replay(observation=observation, days=days, replayed=here), drift, temperature).state
-    joints = state.filter_state
-    assert np.all(np.isfinite(joints.mean))
-    assert np.all(np.isfinite(joints.cov))
-    assert list(joints.replays) == [10.0] * 6 + [9.0] * 6
+        state = step.step(state, step.Replay(observation=observation, days=days, replayed=here), ASSESS).state
+    assert np.all(np.isfinite(state.friction.x))
+    assert np.all(np.isfinite(state.friction.P))
+    assert list(state.friction.of_joints(state.friction.replays)) == [10.0] * 6 + [9.0] * 6
 
 
 @pytest.mark.parametrize("days", [-1.0, np.nan])
 def test_a_replay_before_the_last_one_is_refused_and_the_arm_is_named(days):
     """Time that runs backwards would make the filter surer; days of an arm that did not replay say nothing."""
-    drift, temperature = ASSESS.drift, ASSESS.temperature
     [_, seen] = days_of_two_arms(2)
-    state = step.initial_state(seen, 6, drift, temperature)
+    state = step.initial_state(seen, 6, ASSESS)
     replay = step.Replay(observation=seen, days=np.array([0.0, days]))
     with pytest.raises(ValueError, match=r"arm 1 of 2: .*expected 0 or more"):
-        step.step(state, replay, drift, temperature)
-    step.step(state, replace(replay, replayed=np.array([True, False])), drift, temperature)
+        step.step(state, replay, ASSESS)
+    step.step(state, replace(replay, replayed=np.array([True, False])), ASSESS)

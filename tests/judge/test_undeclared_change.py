@@ -14,7 +14,6 @@ from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import belief_from_document
-from monitor.judge.drift import undeclared
 from monitor.judge.drift.undeclared import (
     GAINS,
     PAYLOAD,
@@ -69,7 +68,7 @@ def test_an_undeclared_payload_is_named_and_is_no_wear():
     [alert] = history.health.active_alerts
     assert "about 2.5 kg more" in alert.text.text
     assert np.all(np.abs(history.last.belief.wear) < 0.01)
-    assert history.last.belief.filter_state.replays[1] == 20  # nothing learnt of the three
+    assert history.last.belief.learnt_replays[1] == 20  # nothing learnt of the three
 
 
 def test_a_gain_that_changed_is_named_and_is_no_wear():
@@ -229,7 +228,7 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
     """After 20 replays that weigh the same, wear is learnt again, against another level; the alert stands and says so."""
     belief = with_level.last.belief
     assert [(o.undeclared, o.replays, o.slot) for o in belief.contexts] == [(False, 15 + 19, 0), (True, 7, 1)]
-    assert np.all(belief.filter_state.replays == 15 + 7)
+    assert np.all(belief.learnt_replays == 15 + 7)
     assert np.all(np.abs(belief.wear) < 0.01)
     assert [(day, kind, condition) for day, kind, _, condition, _ in with_level.transitions] == [
         (16, "raised", "payload_contradiction"),
@@ -242,18 +241,14 @@ def test_a_payload_that_nobody_declares_gets_a_level_of_its_own(with_level):
     assert {joint.state for joint in with_level.health.joints} == {"NORMAL"}
 
 
-@pytest.mark.parametrize("weighed", [True, pytest.param(False, marks=pytest.mark.soak)])
 @pytest.mark.slow
-def test_shoulder_and_elbow_that_wear_alike_are_told_where_weighing_excludes_a_payload(monkeypatch, weighed):
-    """Both rise by 6 % at one replay, as with a payload; the weights as before say that it is wear, told within 25 days."""
-    if not weighed:
-        monkeypatch.setattr(undeclared, "FRICTION_MASS_KG", 0.0)
+def test_shoulder_and_elbow_that_wear_alike_are_told_where_the_weights_are_as_before():
+    """Both rise by 6 % at one replay, as with a payload; the weights say that there is none, and both are told within 25 days."""
     history = History()
     for day in range(85):
         wear = np.array([0, 0.06, 0.06, 0, 0, 0]) * (day >= 60)
         history.add(day, carrying(Arm(seed=day, noise=0.015).replay(30.0, wear), 0.0))
-    told = {joint for _, event, joint, _, _ in history.transitions if event == "raised"}
-    assert told == ({2, 3} if weighed else {None})
+    assert {joint for _, event, joint, _, _ in history.transitions if event == "raised"} == {2, 3}
 
 
 def test_wear_beside_a_payload_that_nobody_declares_is_found(with_level):
@@ -290,14 +285,14 @@ def test_a_payload_that_is_declared_at_last_keeps_what_was_learnt(with_level):
 
 def test_a_declared_motion_that_was_never_learnt_begins_when_the_payload_is_taken_off(with_level):
     """Files from elsewhere: another motion comes with the payload still on. Without it, that motion has no level yet, in whatever slot."""
-    belief, limits = with_level.last.belief, HealthSettings()
+    belief, settings = with_level.last.belief, AssessSettings()
     fit, at = rigid_fit(carrying(Arm(seed=3).replay(30.0), 0.5)), with_level.last.recorded_at_unix_s
     there = replace(belief.context, trajectory_digest="motion-1")
-    change, found = enter_undeclared_level(enter_declared_context(belief, there, at, fit, limits), fit, at, limits)
+    change, found = enter_undeclared_level(enter_declared_context(belief, there, at, fit, settings), fit, at, settings.health)
     assert (found.own_level, change.opened) == (True, True)
     assert sorted(o.slot for o in change.belief.contexts if o.slot is not None) == [0, 1, 2]  # two motions with it, one without
     bare = rigid_fit(carrying(Arm(seed=4).replay(30.0), 0.0))
-    change, found = enter_undeclared_level(enter_declared_context(change.belief, there, at, bare, limits), bare, at, limits)
+    change, found = enter_undeclared_level(enter_declared_context(change.belief, there, at, bare, settings), bare, at, settings.health)
     assert (found.condition, change.opened) == (None, True)
 
 

@@ -57,8 +57,8 @@ def test_a_holiday_causes_no_wear_where_revolutions_are_counted():
     """Six weeks off after 40 days of work: with a count no wear is predicted for them; without one, days count as work."""
     counted, not_counted = wearing(count=True).last.friction[1], wearing(count=False).last
     assert counted.wear == pytest.approx(0.003 * 42, abs=0.02)
-    assert not_counted.belief.filter_state.innovation[1] < -0.03  # days alone foresaw more
-    assert abs(wearing(count=True).last.belief.filter_state.innovation[1]) < 0.03
+    assert not_counted.belief.friction.innovation[1] < -0.03  # days alone foresaw more
+    assert abs(wearing(count=True).last.belief.friction.innovation[1]) < 0.03
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
-"""The course of friction in blocks, and the path that is fitted to it."""
+"""The path that is fitted to the course of friction, and the life along it."""
 
 import functools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,37 +10,22 @@ from hypothesis import strategies as st
 from monitor.judge.alerts.remaining_life import RemainingLife, assumptions, remaining_life, remaining_life_of_joint
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
 from monitor.judge.document import plain
-from monitor.judge.drift.filter_state import RATE, SLOTS, WEAR, begin_history
-from monitor.judge.drift.observation import Observation
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.step import DriftState, Replay, initial_state, step
-from monitor.judge.drift.wear_history import (
-    AGE,
-    BLOCKS,
-    COUNT,
-    FULL,
-    PRODUCTION_AGE,
-    add_replay,
-    age_history,
-    empty_history,
-    rescale_production,
-    settle_slot,
-)
+from monitor.judge.friction.course import COUNT, USE, empty_course
+from monitor.judge.friction.observation import Observation
+from monitor.judge.friction.step import FrictionModel, FrictionState, initial_state, step
 from monitor.judge.settings import PrognosisSettings
-from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.publish import documents
 from monitor.publish.documents import made
-from monitor.recording import Array
 
 pytestmark = pytest.mark.xdist_group("worn fleets")  # one worker judges each fleet once
 
-DRIFT, TEMPERATURE, PROGNOSIS = DriftSettings(), TemperatureSettings(), PrognosisSettings()
+MODEL, PROGNOSIS = FrictionModel(), PrognosisSettings()
 ONSET, LIFE = 80.0, 300.0  # days
 PATHS = {"straight": lambda x: x, "accelerating": lambda x: np.expm1(3.0 * x) / np.expm1(3.0), "slowing": np.sqrt}
 
 
 @functools.cache
-def worn_fleet(path: str, arms: int, asked_at: float, *, std: float = 0.02, seed: int = 0) -> tuple[DriftState, float]:
+def worn_fleet(path: str, arms: int, asked_at: float, *, std: float = 0.02, seed: int = 0) -> tuple[FrictionState, float]:
     """Arms of four joints of which the second wears along a path, judged until a share of its life; with the days that are left."""
     rng, J = np.random.default_rng(seed), 4
     N, state = arms * J, None
@@ -61,15 +45,15 @@ def worn_fleet(path: str, arms: int, asked_at: float, *, std: float = 0.02, seed
             coulomb_nm=0.6 * np.exp(log_torque),
             viscous_nm_s_per_rad=np.exp(log_torque),
         )
-        state = initial_state(seen, J, DRIFT, TEMPERATURE) if state is None else state
-        state = step(state, Replay(observation=seen, days=np.full(arms, float(day > 0))), DRIFT, TEMPERATURE).state
+        state = initial_state(seen, J, MODEL) if state is None else state
+        state = step(state, seen, np.full(arms, float(day > 0)), MODEL, in_place=True)
     assert state is not None
     return state, ONSET + LIFE - last
 
 
-def lives_of(state: DriftState) -> list[RemainingLife]:
+def lives_of(state: FrictionState) -> list[RemainingLife]:
     """Of the joints that wear."""
-    return [remaining_life_of_joint(state, n, DRIFT, PROGNOSIS) for n in range(1, state.joints, state.joints_per_arm)]
+    return [remaining_life_of_joint(state, n, MODEL, PROGNOSIS) for n in range(1, len(state.replays), state.joints_per_arm + 1)]
 
 
 def certain(shape: int) -> WearPaths:
@@ -109,67 +93,19 @@ def test_slowing_paths_come_late_and_accelerating_ones_early():
     assert days == sorted(days)
 
 
-@given(replays=st.integers(1, 900), seed=st.integers(0, 9))
-@settings(max_examples=20, deadline=None)
 @pytest.mark.slow
-def test_blocks_keep_every_replay_in_the_order_of_age(replays, seed):
-    """The counts and sums are those of all replays, whatever was merged, and ages ascend."""
-    rng = np.random.default_rng(seed)
-    history, ages, sums = empty_history(1, SLOTS), np.zeros(replays), 0.0
-    row = np.zeros((1, 3 + SLOTS))
-    row[0, 3] = 1.0
-    for k in range(replays):
-        days = float(rng.choice([1.0, 1.0, 2.0, 10.0]))
-        history, ages[:k] = age_history(history, np.array([0.5 * days]), np.array([days])), ages[:k] + days
-        y = float(rng.normal())
-        sums += y
-        history = add_replay(history, row, np.array([y]), np.array([True]))
-    count = history[0, :, COUNT]
-    assert count.sum() == replays
-    assert history[0, :, AGE].sum() == pytest.approx(ages.sum())
-    assert history[0, :, PRODUCTION_AGE].sum() == pytest.approx(0.5 * ages.sum())
-    assert history[0, :, -1].sum() == pytest.approx(sums, abs=1e-9)
-    used = count > 0
-    assert np.all(np.diff(history[0, used, AGE] / count[used]) > 0)
-    assert used.sum() <= min(BLOCKS, replays // FULL + 1)
-
-
-def test_another_measure_of_production_and_another_context_keep_what_was_seen():
-    """Twice the work in a usual day makes the past half as many usual days; a slot that is taken keeps its old level in the sums."""
-    history = empty_history(1, SLOTS)
-    row = np.zeros((1, 3 + SLOTS))
-    row[0, 3] = 1.0
-    for _ in range(3):
-        history = age_history(add_replay(history, row, np.array([2.1]), np.array([True])), np.ones(1), np.ones(1))
-    assert rescale_production(history, np.array([2.0]))[0, 0, PRODUCTION_AGE] == pytest.approx(0.5 * history[0, 0, PRODUCTION_AGE])
-    settled = settle_slot(history, np.zeros(1, dtype=int), np.array([2.0]), np.array([True]))
-    assert settled[0, 0, -1] == pytest.approx(3 * 0.1)
-    assert np.all(settled[0, :, 6 : 6 + SLOTS] == 0)
-
-
-@pytest.mark.slow
-def test_a_state_without_a_history_goes_on_along_a_straight_line():
-    """A worn joint whose belief kept none begins with a straight path, whose median is within 20 % of that of its (wear, rate)."""
+def test_a_joint_without_a_course_or_without_work_goes_on_along_a_straight_line():
+    """A history that begins anew, and replays of a joint without work: nothing is divided by no work, and there is a date."""
     state, _ = worn_fleet("straight", 2, 0.5)
-    joints = begin_history(replace(state.filter_state, history=empty_history(state.joints, SLOTS)), state.slot)
-    begun = replace(state, filter_state=joints)
-    pair = remaining_life(
-        joints.mean[1, [WEAR, RATE]], joints.cov[1][:2, :2], wear_walk_per_sqrt_day=DRIFT.wear_walk_per_sqrt_day, settings=PROGNOSIS
-    )
-    life = remaining_life_of_joint(begun, 1, DRIFT, PROGNOSIS)
-    assert life.p50_days == pytest.approx(pair.p50_days, rel=0.2)
-    assert wear_paths(replace(joints, history=empty_history(state.joints, SLOTS)), 1, 0, state.joints_per_arm, DRIFT) is None
-
-
-@pytest.mark.slow
-def test_a_joint_that_did_not_production_has_no_path():
-    """Replays of one hour, or of a joint without work: nothing is divided by no work, and the path is straight."""
-    state, _ = worn_fleet("straight", 2, 0.5)
-    idle = state.filter_state.history.copy()
-    idle[:, :, PRODUCTION_AGE] = 0.0
-    assert wear_paths(replace(state.filter_state, history=idle), 1, 0, state.joints_per_arm, DRIFT) is None
-    life = remaining_life_of_joint(replace(state, filter_state=replace(state.filter_state, history=idle)), 1, DRIFT, PROGNOSIS)
-    assert (life.verdict, life.path, life.accelerating_probability) == ("trend", "straight", None)
+    idle, kept = state.course[1].copy(), state.course
+    idle[:, USE] = state.use[1] * idle[:, COUNT]
+    for course in (empty_course(1, 1)[0], idle):
+        assert wear_paths(course, state, 1, MODEL) is None
+        state.course = kept.copy()
+        state.course[1] = course
+        life = remaining_life_of_joint(state, 1, MODEL, PROGNOSIS)
+        state.course = kept
+        assert (life.verdict, life.path, life.accelerating_probability) == ("trend", "straight", None)
 
 
 def test_the_sentence_names_what_the_days_assume():
@@ -185,8 +121,17 @@ def test_the_sentence_names_what_the_days_assume():
 def test_wear_of_one_joint_leaves_the_paths_of_others_alone() -> None:
     """A joint that does not wear has no date and no path."""
     state, _ = worn_fleet("straight", 2, 0.5)
-    quiet: Array = np.array([n for n in range(state.joints) if n % state.joints_per_arm != 1])
-    assert all(remaining_life_of_joint(state, int(n), DRIFT, PROGNOSIS).path is None for n in quiet)
+    quiet = [n for n in range(len(state.replays)) if n % (state.joints_per_arm + 1) not in (1, state.joints_per_arm)]
+    assert all(remaining_life_of_joint(state, n, MODEL, PROGNOSIS).path is None for n in quiet)
+
+
+@pytest.mark.slow
+def test_wear_that_slows_down_is_still_wear():
+    """Friction that rises with the root of time stays below the straight line that was found first: it has not fallen to where it was."""
+    state, _ = worn_fleet("slowing", 16, 0.75)
+    wear = [state.of_kinds(np.array([0]), n)[0][0] for n in range(1, len(state.replays), 5)]
+    assert state.risen[1::5].all()
+    assert np.abs(np.array(wear) - np.log1p(0.3 * np.sqrt(0.75))).max() < 0.05
 
 
 @given(seed=st.integers(0, 2**32 - 1), components=st.integers(1, 400), family=st.sampled_from([SLOWING, STRAIGHT, ACCELERATING, None]))

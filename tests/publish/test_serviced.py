@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from monitor.cli.main import app
 from monitor.errors import BadInput
+from monitor.judge.belief import belief_from_document
 from monitor.judge.inspection import InspectionSettings
 from monitor.publish.queries import InspectedRequest, UndoInspectedRequest
 from monitor.publish.registry import schema
@@ -106,7 +107,7 @@ def test_declared_production_can_be_taken_back_also_after_replays(cell, client):
     client.serviced(3, "replaced", by="Ada", why="wrong joint")
     later(daemon, arm, 2)
     assert any("2 replays since then were judged once more" in sentence for sentence in client.undo_serviced(3, by="Bob").text)
-    assert store.assessments.state().belief["filter_state"]["replays"] == [5.0] * 6
+    assert belief_from_document(store.assessments.state().belief).learnt_replays.tolist() == [5.0] * 6
     later(daemon, arm, 1)
     assert recompute(store)["identical"] == 6
 
@@ -154,7 +155,7 @@ def test_production_declared_while_no_daemon_runs_is_published_by_the_next_one(t
         Daemon(settled(tmp_path, f"tcp/127.0.0.1:{free_port}"), store, now=arm.now, play=arm.play) as daemon,
     ):
         assert daemon.monitor.perform(arm.clock_unix_s).state == "assessed"
-        assert daemon.state.estimator.belief.filter_state.replays.tolist() == [4, 4, 4, 1, 4, 4]
+        assert daemon.state.estimator.belief.learnt_replays.tolist() == [4, 4, 4, 1, 4, 4]
         assert [row.document["outcome"] for row in store.maintenance.rows()] == ["new_joint"]
 
 

@@ -151,7 +151,7 @@ def test_a_day_of_production_is_judged_after_midnight_and_enters_the_history_wit
     assert belief.as_document() == plant.state.estimator.belief.as_document()
     assert belief.production.observations == 1
     assert belief.production.arm == "replay 3"
-    replayed = belief.reference_torque_nm(plant.configuration.assess.drift)[0]
+    replayed = belief.reference_torque_nm(plant.configuration.assess.friction)[0]
     assert np.allclose(np.array(day.document["friction_nm"]) / replayed, 1.0, atol=0.2)
     assert plant.said.said == ["health", "from_production"]
     settings = plant.configuration.schedule

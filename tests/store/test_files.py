@@ -233,9 +233,9 @@ def make(tmp_path, content):
         (text().replace("timestamp", "when"), None, "holds no column timestamp"),
         (text().replace("actual_qd_1", "actual_qd_3"), None, "actual_qd has the indices 0, 3; expected 0 … 1"),
         (
-            "\n".join([text().splitlines()[0], *("08:15:0" + line for line in text(header=False).splitlines())]),
+            "\n".join([text().splitlines()[0], *("at " + line for line in text(header=False).splitlines())]),
             None,
-            "the times are no numbers, such as '08:15:0-1.000'; expected seconds",
+            "the times are no numbers, such as 'at -1.000'; expected seconds",
         ),
         (b"PAR1 and then nothing", None, "not readable Parquet"),
         (b"\x7fELF\0\0\0", None, "is binary, and not Parquet.* export it as CSV"),

@@ -226,4 +226,4 @@ def test_why_a_joint_does_not_alert_is_printed_on_request(recordings):
     result = run("assess", "--robot", "ur5", "--why", "2", *map(str, recordings))
     assert result.returncode == 0, result.stderr
     assert "Shoulder (joint 2): no further alert, for" in result.stdout
-    assert "next is the advisory tier, from +1%" in result.stdout
+    assert "next is the advisory tier, from +2%" in result.stdout

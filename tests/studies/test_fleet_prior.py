@@ -16,8 +16,9 @@ from monitor.config.load import from_document
 from monitor.config.reload import reloaded
 from monitor.errors import BadConfiguration, BadInput
 from monitor.judge.document import plain
-from monitor.judge.drift.filter_state import NOISE, SLOPE
-from monitor.judge.drift.prior import BOUNDS, prior_from_document
+from monitor.judge.friction.noise import NoisePriors
+from monitor.judge.friction.prior import BOUNDS, prior_from_document
+from monitor.judge.friction.states import SLOPE
 from monitor.judge.settings import AssessSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.simulate.arm.friction import default_law
@@ -39,8 +40,13 @@ def lived(arms, days, *, seed=1, assess=ASSESS, steeper=1.0, **settings):
         state = one.result.state
         if one.day >= 10:
             truth = np.log(fleet.torque(state.reference_temperature_c.reshape(arms, -1), np.ones((arms, fleet.joints))))
-            held.append(interval_holds(truth.ravel(), state, assess.drift))
-    return state, float(np.mean(held)) if held else math.nan
+            held.append(interval_holds(truth.ravel(), state, assess.friction))
+    return state.friction, float(np.mean(held)) if held else math.nan
+
+
+def slopes(friction):
+    """(A, 6) how steeply the friction of each joint falls [1/K]."""
+    return -friction.of_joints((friction.p * friction.x[:, SLOPE]).sum(axis=0)).reshape(-1, 6)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +58,7 @@ def document():
 def learnt(number, days, **settings):
     """The document of so many arms."""
     state, _ = lived(number, days, **settings)
-    arms = [LearntArm(f"cell-{k}", "ur5", of_arm(state.filter_state, k), float(days)) for k in range(number)]
+    arms = [LearntArm(f"cell-{k}", "ur5", of_arm(state, k), float(days)) for k in range(number)]
     return learn_prior(arms, ASSESS.drift, ASSESS.temperature)
 
 
@@ -103,10 +109,13 @@ def test_the_prior_is_narrower_than_the_family_and_holds_the_fleet(document):
     prior = prior_of(document)
     assert np.all(prior.slope_std_per_k < 0.6 * 0.0046)
     others, _ = lived(12, 100, seed=99)
-    away = (others.filter_state.mean[:, SLOPE].reshape(12, 6) - prior.slope_per_k) / prior.slope_std_per_k
+    away = (slopes(others) - prior.slope_per_k) / prior.slope_std_per_k
     assert 0.8 < np.mean(np.abs(away) < 1.645) <= 1.0
     assert prior.noise_std == pytest.approx(0.02, rel=0.1)
-    assert prior.noise_correlation == pytest.approx(0.5, abs=0.1)
+    rho = np.array([kind.rho for kind in NoisePriors().kinds])
+    assert prior.noise_weights @ rho == pytest.approx(0.5, abs=0.1)
+    wanders = np.array([kind.kappa > 0.0 for kind in NoisePriors().kinds])
+    assert prior.noise_weights[wanders].sum() < NoisePriors().column("weight")[wanders].sum()
 
 
 def test_intervals_with_a_prior_cover_as_they_say_in_the_first_weeks(document):
@@ -120,9 +129,9 @@ def test_an_arm_of_another_kind_is_not_held_to_the_fleet(document):
     """Friction falls twice as steeply as in the fleet: intervals still hold, and the slope is found as without the prior."""
     assess = with_prior(document)
     state, covered = lived(24, 90, seed=5, assess=assess, steeper=2.0)
-    found = state.filter_state.mean[:, SLOPE].reshape(24, 6)
+    found = slopes(state)
     free, _ = lived(24, 90, seed=5, steeper=2.0)
-    expected = free.filter_state.mean[:, SLOPE].reshape(24, 6)
+    expected = slopes(free)
     assert covered > 0.82
     assert np.median(np.abs(found - expected)) < 0.25 * np.median(expected)
     assert np.median(found) > 1.5 * np.median(assess.drift.prior.slope_per_k)
@@ -131,28 +140,30 @@ def test_an_arm_of_another_kind_is_not_held_to_the_fleet(document):
 def test_without_a_prior_nothing_is_different():
     """The state with `prior = None` is that of a program without it, to the bit."""
     state, _ = lived(2, 3)
-    assert state.filter_state.cov[0, NOISE, NOISE] > 0.0
     again, _ = lived(2, 3, assess=replace(ASSESS, drift=replace(ASSESS.drift, prior=None)))
-    assert np.array_equal(state.filter_state.mean, again.filter_state.mean)
+    assert np.array_equal(state.x, again.x)
+    assert np.array_equal(state.P, again.P)
 
 
 def test_arms_that_say_too_little_or_of_different_speeds_are_refused(document):
     """No arm with forty replays, and two reference speeds: each is said with the figures."""
     state, _ = lived(2, 5)
-    young = LearntArm("cell-9", "ur5", of_arm(state.filter_state, 0), 5.0)
+    young = LearntArm("cell-9", "ur5", of_arm(state, 0), 5.0)
     with pytest.raises(BadInput, match="no arm with 40 replays"):
         learn_prior([young], ASSESS.drift, ASSESS.temperature)
     old, _ = lived(2, 60)
-    arms = [LearntArm(f"cell-{k}", "ur5", of_arm(old.filter_state, k), 60.0, 0.4 + 0.1 * k) for k in range(2)]
+    arms = [LearntArm(f"cell-{k}", "ur5", of_arm(old, k), 60.0, 0.4 + 0.1 * k) for k in range(2)]
     with pytest.raises(BadInput, match=r"0\.4 rad/s in cell-0; 0\.5 rad/s in cell-1"):
         learn_prior(arms, ASSESS.drift, ASSESS.temperature)
 
 
 def spoilt(document, **changes):
-    """The document with other figures in joint 3, or another head."""
+    """The document with other figures in joint 3 or of its noise, or another head."""
     copy = json.loads(json.dumps(document))
+    own = copy["models"]["ur5"]
     for key, value in changes.items():
-        (copy["models"]["ur5"]["joints"][2] if key in BOUNDS else copy)[key] = value
+        part = own["joints"][2] if key in BOUNDS else own["noise"] if key in own["noise"] else copy
+        part[key] = value
     return copy
 
 
@@ -160,13 +171,14 @@ def spoilt(document, **changes):
     ("changes", "words"),
     [
         ({"format": "else"}, "is no fleet prior"),
-        ({"version": 2}, "version 2"),
+        ({"version": 1}, "version 1 of a fleet prior; this program reads version 2"),
         ({"reference_speed_rad_s": 0.3}, "0.3 rad/s"),
         ({"models": {"ur10": {}}}, "holds no prior of a ur5; it holds ur10"),
         ({"models": []}, "holds no prior of a ur5"),
         ({"slope_std_per_k": 0.0}, "joint 3: slope_std_per_k = 0.0"),
-        ({"noise_std": math.nan}, "joint 3: noise_std = nan"),
-        ({"noise_replays": True}, "joint 3: noise_replays = True"),
+        ({"std": math.nan}, "models.ur5.noise: std = nan"),
+        ({"weights": [0.5, 0.5]}, "weights, one a kind of noise"),
+        ({"weights": [1.0] * len(NoisePriors().kinds)}, "numbers that make 1 together"),
         ({"lag": None}, "joint 3: lag = None"),
     ],
 )
@@ -235,9 +247,9 @@ def test_a_verdict_with_a_prior_is_recomputed_with_the_same_prior(document):
     assess = with_prior(document)
     again = settings_from_document(AssessSettings, json.loads(json.dumps(plain(assess))))
     assert again.drift.prior.digest == "0"
-    one, other = (lived(2, 20, assess=each)[0].filter_state for each in (assess, again))
-    assert np.array_equal(one.mean, other.mean)
-    assert np.array_equal(one.cov, other.cov)
+    one, other = (lived(2, 20, assess=each)[0] for each in (assess, again))
+    assert np.array_equal(one.x, other.x)
+    assert np.array_equal(one.P, other.P)
 
 
 ONSETS = (10, 60)  # [day] the change begins so soon after the first replay

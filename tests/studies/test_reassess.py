@@ -19,6 +19,7 @@ from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.life_cycle import acknowledge
+from monitor.judge.friction.noise import NoisePriors
 from monitor.publish.queries import ServicedRequest
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.service.history.maintenance import declare_maintenance
@@ -52,7 +53,7 @@ if find_spec("distributed") is None:  # it is imported by the tests themselves: 
 
 DAY_S = 86_400.0
 BEGAN_S = 1_764_201_600.0  # 2025-11-27: the history is of two months
-DAYS, WORN_FROM = 12, 3
+DAYS, WORN_FROM = 20, 10
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +142,7 @@ def test_other_thresholds_move_alerts_and_a_picture_shows_it(lived: Path, result
     place, _ = results
     higher, lower = tmp_path / "higher.toml", tmp_path / "lower.toml"
     higher.write_text('[health]\nadvisory_rise = 0.5\nwear_rise = 0.6\nlimit_rise = 0.7\n[robot]\nmodel = "ur10"\n')
-    lower.write_text("[health]\nadvisory_rise = 0.02\nwear_rise = 0.03\n[assess]\nmethod = 'wls'\n")
+    lower.write_text("[health]\nadvisory_rise = 0.01\nwear_rise = 0.03\n[assess]\nmethod = 'wls'\n")
     common = ("reassess", lived, "--results", place, "--scheduler", scheduler)
     document = json.loads(printed(*common, "--settings", higher, "--pictures", tmp_path / "drawn", "--json"))
     assert document["changes"] == {"health": {"advisory_rise": 0.5, "wear_rise": 0.6, "limit_rise": 0.7}}
@@ -291,10 +292,11 @@ def test_a_replay_that_comes_meanwhile_is_left_for_the_next_call(lived: Path, re
 def test_a_fleets_prior_is_tried_on_the_past_of_the_models_that_it_has(lived: Path, results: tuple[Path, dict], tmp_path: Path):
     """The file stands beside the settings. Its figures for this arm's model travel to the workers; an empty name means no prior."""
     joint = {"slope_per_k": 0.01, "slope_std_per_k": 0.01, "curve_per_k2": 0.0, "curve_std_per_k2": 1e-4, "lag": 0.0, "lag_std": 0.1}
-    joint |= {"noise_std": 0.02, "noise_correlation": 0.5, "noise_replays": 10.0}
-    document = {"format": "joint-monitor/prior", "version": 1, "reference_speed_rad_s": 0.4, "models": {}}
+    kinds = len(NoisePriors().kinds)
+    own = {"arms": 40, "noise": {"std": 0.02, "weights": [1.0 / kinds] * kinds}, "joints": [joint] * 6}
+    document = {"format": "joint-monitor/prior", "version": 2, "reference_speed_rad_s": 0.4, "models": {}}
     path = tmp_path / "prior.json"
-    path.write_text(json.dumps(document | {"models": {"ur5": {"arms": 40, "joints": [joint] * 6}}}))
+    path.write_text(json.dumps(document | {"models": {"ur5": own}}))
     (tmp_path / "with.toml").write_text('[drift]\nprior = "prior.json"\n')
     changes = read_changes(tmp_path / "with.toml")
     (found,) = histories([lived / "site=south"], changes)

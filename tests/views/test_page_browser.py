@@ -89,11 +89,11 @@ def test_the_state_of_the_arm_is_seen_at_once(opened):
     assert "% per kelvin" in page.locator("#law").get_attribute("aria-label")
     expect(page.locator("#torque canvas")).to_be_visible()
     assert page.title().startswith("Maintenance required: cell-1")
-    expect(page.locator("#active h3")).to_have_text("Elbow turns 22 % heavier than on 1 June.")
+    expect(page.locator("#active h3")).to_have_text("Elbow turns 24 % heavier than on 1 June.")
     expect(page.locator("#active .text")).to_contain_text("At this pace it meets its limit around")
     expect(page.locator("#active .action")).to_contain_text("Inspect")
     expect(page.locator("#active .proof canvas")).to_be_visible()
-    expect(page.locator("#why")).to_have_text("Elbow turns 22 % heavier than on 1 June.")
+    expect(page.locator("#why")).to_have_text("Elbow turns 24 % heavier than on 1 June.")
     expect(page.locator("#joints .sparkline polyline")).to_have_count(6)
     expect(page.locator("#active").get_by_text("went from")).to_be_hidden()
     page.locator("#active summary").click()
@@ -368,7 +368,7 @@ FOREIGN = (
 def test_no_english_sentence_remains_in_the_german_page(opened):
     """Everything a person reads or hears of the page is German, but for names and what other programs have said."""
     page = opened[0](language="de")
-    expect(page.locator("#active h3")).to_have_text("Ellbogen dreht 22\u00a0% schwerer als am 1. Juni.")
+    expect(page.locator("#active h3")).to_have_text("Ellbogen dreht 24\u00a0% schwerer als am 1. Juni.")
     for details in page.locator("details:not([hidden])").all():
         details.evaluate("one => one.open = true")
     texts = page.evaluate(

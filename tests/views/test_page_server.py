@@ -125,7 +125,7 @@ def test_the_stream_sends_the_values_of_the_bus(served):
     shown = dict(next_value() for _ in last)
     said = shown["alert/j3/wear_rising"].pop("said")
     assert shown["alert/j3/wear_rising"].pop("pill") == shown["health"].pop("shown")["pill"] == shown["health"].pop("pills")["3"]
-    assert said["headline"] == "Elbow turns 22\u00a0% heavier than on 1 June."
+    assert said["headline"] == "Elbow turns 24\u00a0% heavier than on 1 June."
     assert shown == last
     daemon.monitor.next_due(1.9e9)
     key, document = next_value()

@@ -25,7 +25,6 @@ class ArmSituation:
     belief: "Belief"
     evidence: "Evidence"
     undeclared: "UndeclaredChange"  # in this replay
-    common: Confirmations  # of friction that changed in most joints together, this replay included
     alerts: Mapping[tuple[int | None, str], Alert]  # by joint and condition, before this replay
     settings: HealthSettings
 

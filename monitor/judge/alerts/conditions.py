@@ -24,15 +24,15 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.evidence import joint_channel_rise, noisier
+from monitor.judge.alerts.evidence import joint_rise_beside, noisier, shift_beside
 from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, TIERS, Confirmations
 from monitor.judge.belief import Belief
-from monitor.judge.drift.channels import NOISE
-from monitor.judge.drift.filter_state import OUTLIER, UNRESOLVED
+from monitor.judge.drift.step import UNRESOLVED
 from monitor.judge.drift.undeclared import GAINS, MOUNTING, PAYLOAD
-from monitor.judge.drift.update.blame import LOADED
+from monitor.judge.friction.noise import Kind
+from monitor.judge.friction.step import FrictionModel
 from monitor.judge.temperature.stuck import all_held_still
-from monitor.reason import Reason, Sentence, together
+from monitor.reason import Reason, Sentence, parts_of, together
 from monitor.recording import DAY_S
 
 STORE_RESTORED = "store_restored"
@@ -141,10 +141,12 @@ SERVICE_CONDITIONS = (
 
 WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"
 FALLING = "friction_falling"
+CURRENT_NOISE = "current_noise"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
+RATIO_RESTATED = 0.22  # [log] by which the noise of a current has changed when its alert says so
+LOADED = (1, 2)  # shoulder and elbow (from 0), which carry what the flange does
 MOSTLY_LOAD = 1.5  # times the median joint's change, in shoulder and elbow: then a payload is likelier than a supply
-UNSURE_REPLAYS = 6  # outliers in a row on one side: after so many a step has been found, or the data are unreliable
 HAS_RISEN = "has risen by more than the tier's rise"
 
 
@@ -162,9 +164,9 @@ def _kind_of_rise(situation: JointSituation) -> str:
         if alert is not None and alert.active:
             return condition
     evidence = situation.arm.evidence
-    if joint_channel_rise(evidence.channels, evidence.excess, j).found:
+    if joint_rise_beside(evidence.beside, evidence.wear, j).found:
         return WEAR_RISING
-    return SUDDEN_STEP if belief.filter_state.stepped[j] > 0.5 * max(belief.wear[j], 1e-9) else WEAR_RISING
+    return SUDDEN_STEP if belief.found(j).at_once > 0.5 else WEAR_RISING
 
 
 def _rising(name: str, situation: JointSituation, _: Confirmations) -> ConditionStatus | None:
@@ -175,15 +177,14 @@ def _rising(name: str, situation: JointSituation, _: Confirmations) -> Condition
     if name != _kind_of_rise(situation) or not situation.heard:
         return None
     j, evidence, settings = situation.j, situation.arm.evidence, situation.settings
-    channels = joint_channel_rise(evidence.channels, evidence.excess, j)
-    change = math.expm1(max(evidence.excess[j], channels.rise))
-    confirmations = max(situation.health.rising, key=lambda each: each.replays)
+    beside = joint_rise_beside(evidence.beside, evidence.wear, j)
+    change = math.expm1(max(evidence.wear[j], beside.rise))
     return ConditionStatus(
         raise_tier=int(evidence.raises[j]) if evidence.raises[j] >= 0 else None,
         hold_tier=max((k for k in range(3) if change >= settings.clear_fraction * settings.rises[k]), default=None),
         change=change,
-        probabilities=np.maximum(evidence.above[j], channels.above(settings)),
-        text=partial(channels.text, j, partial(_friction_text, situation, confirmations), situation.belief.residual_peak_rad),
+        probabilities=np.maximum(evidence.above[j], beside.above(settings)),
+        text=partial(beside.text, j, partial(_friction_text, situation), situation.belief.residual_peak_rad),
         attribution=situation.attribution,
         lowest_at_unix_s=_lowest_at_unix_s(situation.belief, j),
     )
@@ -200,7 +201,7 @@ def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus | N
         hold_tier=0 if change <= -settings.clear_fraction * settings.wear_rise else None,
         change=change,
         probabilities=evidence.below[[j, j, j]],
-        text=partial(_friction_text, situation, situation.health.falling, since_beginning=True),
+        text=partial(_friction_text, situation, since_beginning=True),
         attribution=situation.attribution,
     )
 
@@ -208,14 +209,27 @@ def _falling(situation: JointSituation, _: Confirmations) -> ConditionStatus | N
 FRICTION_CHANGED = Sentence(
     "friction_changed",
     "{joint:joint}: friction at {speed_rad_s:g} rad/s and {temperature_c:.1f} °C went from {before_nm:.2f} to {now_nm:.2f} N·m "
-    "({change:+z.1%} ± {std:.1%}), temperature taken out ({slope:.2%}/K); {replays} replays on {days} days in a row agree.",
+    "({change:+z.1%} ± {std:.1%}), temperature taken out (it falls by {slope:.2%}/K).",
 )
 FRICTION_ABOVE_LOWEST = Sentence(
     "friction_above_lowest",
     "{joint:joint}: friction at {speed_rad_s:g} rad/s and {temperature_c:.1f} °C went from {before_nm:.2f} to {now_nm:.2f} N·m "
     "({change:+z.1%} ± {std:.1%} above the lowest level held, {fallen:+z.1%} from the beginning, reached by {lowest_at_unix_s:day}), "
-    "temperature taken out ({slope:.2%}/K); {replays} replays on {days} days in a row agree.",
+    "temperature taken out (it falls by {slope:.2%}/K).",
 )
+FOUND_BY = Sentence(
+    "change_found",
+    "When this was found, chance alone shows as much in a sound joint once in {odds:.0f} days at most ({needed:.0f} are asked for); it had "
+    "begun {began_days:.0f} ± {began_std:.0f} days before, {sort:word} ({probability:.0%}).",
+)
+NOISE_KINDS = {  # what the likeliest kind of noise does
+    "short": Sentence("noise_short", "of one day telling nothing of the next"),
+    "days": Sentence("noise_days", "alike for days (correlation {rho:.2f} a day)"),
+    "weather": Sentence("noise_weather", "as strong as season and weather make it"),
+    "wandering": Sentence("noise_wandering", "wandering for months"),
+    "yearly": Sentence("noise_yearly", "swinging with the year"),
+}
+NOISE_BELIEVED = Sentence("noise_believed", "noise between replays is believed to be ± {std:.1%}, {kind} ({probability:.0%})")
 CAUSES = Sentence(
     "causes_of_change",
     "Of the measured {whole:+z.1%}, temperature makes {temperature:+z.1%}, payload and context {payload:+z.1%}, wear {wear:+z.1%}, "
@@ -223,16 +237,36 @@ CAUSES = Sentence(
 )
 
 
-def _friction_text(situation: JointSituation, confirmations: Confirmations, *, since_beginning: bool = False) -> Reason:
-    """Friction before and after, the replays that agree, and the causes of the change.
+def noise_reason(belief: Belief, model: FrictionModel, j: int) -> Reason:
+    """What noise of a joint (from 0) is believed to be, as a clause."""
+    p = belief.friction.of_joints(belief.friction.p)[:, j]
+    names = [_name_of(kind) for kind in model.noise.kinds]
+    name = max(dict.fromkeys(names), key=lambda one: sum(p[h] for h, of in enumerate(names) if of == one))
+    probability = sum(p[h] for h, of in enumerate(names) if of == name)
+    rho = float(p @ model.noise.column("rho")[:, 0])
+    kind = NOISE_KINDS[name](rho=rho) if name == "days" else NOISE_KINDS[name]()
+    return NOISE_BELIEVED(std=belief.noise_std(model)[j], kind=kind, probability=probability)
+
+
+def _name_of(kind: Kind) -> str:
+    if math.isfinite(kind.period_days):
+        return "yearly"
+    if kind.kappa > 0.0:
+        return "wandering"
+    if kind.arm_steady_replays < kind.steady_replays:
+        return "weather"
+    return "days" if kind.rho > 0.0 else "short"
+
+
+def _friction_text(situation: JointSituation, *, since_beginning: bool = False) -> Reason:
+    """Friction before and after, how its change was found, and the causes of the change.
 
     since_beginning : whether before is the beginning, as for a fall, and not the lowest level held, as for a rise.
     """
     belief, j, causes = situation.belief, situation.j, situation.attribution
-    wear, reference = belief.wear[j], belief.filter_state.counted_from
-    now = float(belief.level()[j] + wear)
-    change = float(situation.arm.evidence.fall[j]) if since_beginning else wear
-    std = math.exp(change) * math.hypot(belief.wear_std[j], math.sqrt(reference.fallen_var[j]) if since_beginning else 0.0)
+    evidence = situation.arm.evidence
+    change, std = (each[j] for each in ((evidence.fall, evidence.fall_std) if since_beginning else (evidence.wear, evidence.wear_std)))
+    now, std = float(belief.level()[j] + evidence.wear[j]), math.exp(change) * float(std)
     figures = {
         **{"joint": j + 1, "speed_rad_s": belief.reference_speed_rad_s, "temperature_c": belief.reference_temperature_c[j]},
         **{
@@ -242,20 +276,36 @@ def _friction_text(situation: JointSituation, confirmations: Confirmations, *, s
             "std": std,
             "slope": belief.slope[j],
         },
-        **{"replays": confirmations.replays, "days": confirmations.days},
     }
     lowest_at = None if since_beginning else _lowest_at_unix_s(belief, j)
     if lowest_at is None:
         text = FRICTION_CHANGED(**figures)
     else:
-        fallen = math.expm1(reference.fallen[j] + reference.run_in[j])
+        fallen = math.expm1(evidence.fall[j] - evidence.wear[j])
         text = FRICTION_ABOVE_LOWEST(**figures, fallen=fallen, lowest_at_unix_s=lowest_at)
-    return together(text, None if causes is None else CAUSES(**{name: math.expm1(part) for name, part in causes._asdict().items()}))
+    of_causes = None if causes is None else CAUSES(**{name: math.expm1(part) for name, part in causes._asdict().items()})
+    return together(text, _found_text(belief, j), of_causes)
+
+
+def _found_text(belief: Belief, j: int) -> Reason | None:
+    """How the joint's last change was found; None where none was."""
+    found = belief.found(j)
+    if not found.odds:
+        return None
+    at_once = found.at_once > 0.5
+    return FOUND_BY(
+        odds=found.odds,
+        needed=found.needed,
+        began_days=found.began_days,
+        began_std=found.began_std,
+        sort="all at once" if at_once else "little by little",
+        probability=found.at_once if at_once else 1.0 - found.at_once,
+    )
 
 
 def _lowest_at_unix_s(belief: Belief, j: int) -> float | None:
     """When the level was reached from which a rise counts; None where that is the level at the beginning."""
-    held_days = belief.filter_state.counted_from.held_days[j]
+    held_days = belief.friction.of_joints(belief.friction.held_days)[j]
     return float(belief.at_unix_s - held_days * DAY_S) if math.isfinite(held_days) else None
 
 
@@ -266,53 +316,45 @@ def _common_mode(situation: ArmSituation, _: Confirmations) -> ConditionStatus |
     """Friction that rose, or fell, in most joints together; None where nothing was learnt of most, or no temperature is known."""
     if _temperatures_stand_still(situation) or 2 * np.count_nonzero(situation.belief.learnt_from) < situation.belief.joints:
         return None
-    belief, evidence, settings = situation.belief, situation.evidence, situation.settings
-    together = evidence.common[0] + evidence.fallen[0]  # one of them is 0
-    risen, fallen = evidence.risen, evidence.fall + belief.filter_state.counted_from.shared
-    if not together:  # then what is usual
-        usual = float(np.median(risen))
-        together = usual if usual > 0 else float(np.median(fallen))
-    change = math.expm1(together)
+    evidence, settings = situation.evidence, situation.settings
+    common, std = float(evidence.common[0]), max(float(evidence.common_std[0]), 1e-9)
+    change = math.expm1(common)
     rose, fell = change >= settings.clear_fraction * settings.advisory_rise, change <= -settings.clear_fraction * settings.wear_rise
-    # of the change itself: the probabilities of the single joints in `evidence` are of what is beyond the common change
-    beyond = risen - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - fallen
-    std = np.sqrt(belief.wear_std**2 + belief.filter_state.counted_from.moved_var)
+    beyond = common - math.log1p(settings.advisory_rise) if change >= 0 else math.log1p(-settings.wear_rise) - common
     return ConditionStatus(
         raise_tier=0 if evidence.together[0] else None,
         hold_tier=0 if rose or fell else None,
         change=change,
-        probabilities=np.full(3, float(np.median(scipy.special.ndtr(beyond / np.maximum(std, 1e-9))))),
+        probabilities=np.full(3, float(scipy.special.ndtr(beyond / std))),
         text=partial(_common_text, change, situation),
     )
 
 
 COMMON = {  # by whether friction rose, and whether shoulder and elbow changed most
     (True, False): Sentence(
-        "common_rise",
-        "Friction has risen in most joints together, by about {change:+z.1%} in {replays} replays: not the wear of one joint.",
+        "common_rise", "Friction has risen in most joints together, by about {change:+z.1%}: not the wear of one joint."
     ),
     (False, False): Sentence(
-        "common_fall",
-        "Friction has fallen in most joints together, by about {change:+z.1%} in {replays} replays: not the grease of one joint.",
+        "common_fall", "Friction has fallen in most joints together, by about {change:+z.1%}: not the grease of one joint."
     ),
     (True, True): Sentence(
         "common_rise_of_loaded",
-        "Friction has risen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%} in {replays} replays: "
+        "Friction has risen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%}: "
         "not the wear of one joint.",
     ),
     (False, True): Sentence(
         "common_fall_of_loaded",
-        "Friction has fallen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%} in {replays} replays: "
+        "Friction has fallen in shoulder and elbow most, as an undeclared payload makes it, by about {change:+z.1%}: "
         "not the grease of one joint.",
     ),
 }
 
 
 def _common_text(change: float, situation: ArmSituation) -> Reason:
-    common, shared = situation.common, situation.belief.filter_state.counted_from.shared
+    shared = situation.belief.friction.of_joints(situation.belief.friction.shared)
     most = np.argsort(-np.abs(shared))[: len(LOADED)]
     load = len(shared) > max(LOADED) and set(most) == set(LOADED) and np.abs(shared[most]).min() > MOSTLY_LOAD * np.median(np.abs(shared))
-    return COMMON[change >= 0, bool(load)](change=change, replays=common.replays)
+    return COMMON[change >= 0, bool(load)](change=change)
 
 
 # --- data and declarations ----------------------------------------------------------------------------------
@@ -337,28 +379,38 @@ def _temperatures_stand_still(situation: ArmSituation) -> bool:
 
 def _noisier(situation: JointSituation) -> bool | None:
     """The joint's current is noisier than it was; None where nothing was learnt of it."""
-    channels = situation.belief.filter_state.channels
-    return bool(channels is not None and noisier(channels)[situation.j]) if situation.heard else None
+    return bool(noisier(situation.belief.drift_state)[situation.j]) if situation.heard else None
 
 
 def _noise_text(situation: JointSituation, confirmations: Confirmations) -> Reason:
-    channels = situation.belief.filter_state.channels
-    ratio = 1.0 if channels is None else math.exp(channels.shift[NOISE, situation.j])
-    return NOISIER(joint=situation.j + 1, ratio=ratio, replays=confirmations.replays)
+    return NOISIER(joint=situation.j + 1, ratio=_noise_ratio(situation), replays=confirmations.replays)
+
+
+def _noise_ratio(situation: JointSituation) -> float:
+    """Of the noise of the joint's current to that of before."""
+    return math.exp(shift_beside(situation.belief.drift_state, "noise")[0][situation.j])
+
+
+def _noise_status(situation: JointSituation, confirmations: Confirmations) -> ConditionStatus | None:
+    """As any condition that repeats; an alert that was raised by the first few replays says a better ratio later."""
+    status = REPEATED_NOISE.status(situation, confirmations)
+    alert = situation.arm.alerts.get((situation.j + 1, CURRENT_NOISE))
+    if status is None or alert is None or not alert.active or not confirmations.replays:
+        return status
+    said = [part.parameters["ratio"] for part in parts_of(alert.text) if part.code == NOISIER.code]
+    same = bool(said) and isinstance(said[0], float) and abs(math.log(_noise_ratio(situation) / said[0])) <= RATIO_RESTATED
+    return status._replace(restated=not same)
 
 
 def _unreliable(situation: JointSituation) -> bool | None:
     """The replay does not resolve the joint's friction, or replays scatter.
 
-    An undeclared change of the arm is another condition, and nothing is learnt from its replay: it cannot tell. Outliers in a row on one
-    side are a step that is not sure yet.
+    An undeclared change of the arm is another condition, and nothing is learnt from its replay: it cannot tell.
     """
     belief, j = situation.belief, situation.j
     if situation.arm.undeclared.withheld:
         return None
-    in_a_row = 2 <= abs(belief.filter_state.gate_run[j]) <= UNSURE_REPLAYS
-    outlier = belief.event[j] == OUTLIER and not in_a_row
-    return bool(belief.event[j] == UNRESOLVED or outlier or belief.filter_state.consistency[j] > SCATTER_RATIO)
+    return bool(belief.event[j] == UNRESOLVED or belief.consistency[j] > SCATTER_RATIO)
 
 
 def outside_learnt_range(situation: JointSituation) -> bool | None:
@@ -380,6 +432,7 @@ NOISIER = Sentence(
     "current_noisier",
     "The current of {joint:joint} is {ratio:.1f} times as noisy as before, in {replays} replays in a row. Noise alone is no wear.",
 )
+REPEATED_NOISE = repeated(_noisier, _noise_text)
 NOT_RESOLVED = Sentence(
     "not_resolved", "{joint:joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."
 )
@@ -417,16 +470,18 @@ CONDITIONS: dict[str, AlertCondition] = {
             joint=Rule(partial(_rising, WEAR_RISING), raises=TIERS),
             probability_of=HAS_RISEN,
             tiers={
-                "advisory": AlertTier(NORMAL, "Nothing yet: watch this joint.", "friction rose by 1 % or more, with sufficient evidence"),
+                "advisory": AlertTier(
+                    NORMAL, "Nothing yet: watch this joint.", "friction rose beyond what chance shows, most likely by 2 % or more"
+                ),
                 "wear": AlertTier(
                     MAINTENANCE_REQUIRED,
                     "Plan an inspection of this joint: lubrication, backlash, noise.",
-                    "friction rose by 5 % or more",
+                    "friction rose by 5 % or more, with a probability of 0.95",
                 ),
                 "limit": AlertTier(
                     FAILURE,
                     "Replace or overhaul this joint: friction has reached the configured limit.",
-                    "friction rose by 30 % or more",
+                    "friction rose by 30 % or more, with a probability of 0.95",
                 ),
             },
         ),
@@ -439,7 +494,7 @@ CONDITIONS: dict[str, AlertCondition] = {
                 "advisory": AlertTier(
                     NORMAL,
                     "Ask what happened that day: a collision, a service, another load that was not declared.",
-                    "friction rose by 1 % or more, most of it at once",
+                    "friction rose beyond what chance shows, most likely by 2 % or more, and most of it at once",
                 ),
                 "wear": AlertTier(
                     MAINTENANCE_REQUIRED,
@@ -537,9 +592,9 @@ CONDITIONS: dict[str, AlertCondition] = {
             },
         ),
         AlertCondition(
-            name="current_noise",
+            name=CURRENT_NOISE,
             headlines=Headlines(joint="The current of {joint:name} has become noisy."),
-            joint=repeated(_noisier, _noise_text),
+            joint=Rule(_noise_status, _noisier),
             tiers={
                 "advisory": AlertTier(
                     CHECK_FUNCTION,

@@ -1,36 +1,34 @@
-"""The evidence that friction of joints has risen or fallen, by F(v*) and by the channels beside it.
+"""The evidence that friction of joints has risen or fallen: what the model found of F(v*), and of the series beside it.
 
-A tier requires statistical significance, practical relevance (the rise itself), consecutive replays on several days inside the learned
-temperatures, and a rise beyond the common rise of all joints. It compares the largest rise over the speeds: a joint that needs 10 % more
-torque at low speed is worn though it needs none more at v*. For wear at one place of the joint it compares the torque that came to the
-unexplained one, as RMS over the replay, with friction. No channel raises the limit tier: the configured limit is one of F(v*).
+That a change was found is the model's decision, by its odds. Here its size becomes tiers. A joint that needs 10 % more torque at low speed
+is worn though it needs none more at v*: so the largest rise over the speeds counts. For wear at one place of the joint the torque that came
+to the unexplained one is compared with friction, as RMS over the replay. No series beside F(v*) raises the limit tier: that is of F(v*).
 
-Shapes: C channels, N joints.
+Shapes: A arms, N joints.
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from monitor.identify.settings import PLACE_RAD
-from monitor.judge.alerts.health import TIERS, Health
-from monitor.judge.belief import Belief
-from monitor.judge.drift.channels import CONTRAST, FAST, NOISE, RESIDUAL, SLOW, ChannelState
-from monitor.judge.drift.filter_state import FilterState
-from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S
-from monitor.judge.drift.update.change_detection import LONG
+from monitor.judge.drift.step import DriftState
+from monitor.judge.friction.beside import model_beside
+from monitor.judge.friction.figures import fallen, found_wear, wear_above
+from monitor.judge.friction.observation import FAST_RAD_S, SLOW_RAD_S
+from monitor.judge.friction.states import LEVEL, WEAR
+from monitor.judge.friction.step import FrictionState
 from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence, together
-from monitor.recording import DAY_S, Array
+from monitor.recording import Array
 
 REFERENCE_RAD_S = 0.4  # the speed at which friction is unchanged while the contrast turns; the rises depend on it weakly
-SPEEDS_RAD_S = (SLOW_RAD_S, FAST_RAD_S, None)  # at which a channel finds a rise; None: at one place of the joint, at any speed
+SPEEDS_RAD_S = (SLOW_RAD_S, FAST_RAD_S, None)  # at which a series finds a rise; None: at one place of the joint, at any speed
+NOISIER_LOG = float(np.log(1.2))  # of the current's noise that may have grown by more, the residual may have grown, and nobody wears
 LEAST_STD = 0.01  # [log] a straight line is no law of friction: what it says of another speed is not better known than this
-NOTHING = -np.inf  # [log] rise where no channel found a change
+NOTHING = -np.inf  # [log] rise where no series found a change
 
 AT_ONE_PLACE = Sentence(
     "rise_at_place",
@@ -43,17 +41,17 @@ FOUND = Sentence("channel_found", "{joint:joint}: {finding}.")
 FOUND_BETWEEN = Sentence("channel_found_between", "{joint:joint}: {finding}, now largest between {low_rad:.1f} and {high_rad:.1f} rad.")
 
 
-class ChannelRise(NamedTuple):
-    """The largest rise that a channel found, (N,) each."""
+class RiseBeside(NamedTuple):
+    """The largest rise that a series beside F(v*) found, (N,) each."""
 
     rise: Array  # [log] of friction at that speed or place over that at v*; −∞ where nothing was found
     std: Array
     at: Array  # index into `SPEEDS_RAD_S`
-    ratio: Array  # of the residual's RMS to that of the baseline; 1 where it did not change
+    ratio: Array  # of the residual's RMS to that of before; 1 where it did not change
 
 
-class JointChannelRise(NamedTuple):
-    """What the channels found of one joint."""
+class JointRiseBeside(NamedTuple):
+    """What the series beside F(v*) found of one joint."""
 
     rise: float  # [log] −∞ where nothing was found, or where F(v*) itself rose by more
     std: float
@@ -62,7 +60,7 @@ class JointChannelRise(NamedTuple):
 
     @property
     def found(self) -> bool:
-        """Whether a channel found more than friction at the reference speed shows."""
+        """Whether a series found more than friction at the reference speed shows."""
         return bool(np.isfinite(self.rise))
 
     def above(self, settings: HealthSettings) -> Array:
@@ -74,14 +72,14 @@ class JointChannelRise(NamedTuple):
 
     @property
     def finding(self) -> Reason:
-        """What the channel found, as a clause."""
+        """What the series found, as a clause."""
         figures = {"change": np.expm1(self.rise), "std": np.exp(self.rise) * self.std}
         if self.speed_rad_s is None:
             return AT_ONE_PLACE(ratio=self.ratio, **figures)
         return AT_SPEED(speed_rad_s=self.speed_rad_s, reference_rad_s=REFERENCE_RAD_S, **figures)
 
     def text(self, j: int, of_reference: Callable[[], Reason], peak_rad: Array | None = None) -> Reason:
-        """The alert's text: of the channel where one found more than F(v*) shows, and of F(v*).
+        """The alert's text: of the series where one found more than F(v*) shows, and of F(v*).
 
         peak_rad : (J,) where the residual of the last replay is largest; None where nobody knows.
         """
@@ -93,73 +91,156 @@ class JointChannelRise(NamedTuple):
         return together(FOUND(joint=j + 1, finding=self.finding), of_reference())
 
 
-def channel_rise(state: ChannelState | None) -> ChannelRise | None:
-    """The rise of each joint by the channels' state; None without one."""
-    if state is None:
-        return None
-    N = state.found.shape[1]
-    if not state.found.any():  # as on nearly every day
-        return ChannelRise(rise=np.full(N, NOTHING), std=np.zeros(N), at=np.zeros(N, dtype=int), ratio=np.ones(N))
-    rises = np.stack([_rises(state, state.shift), _rises(state, state.shift - np.copysign(state.shift_std, state.shift))])
-    found = np.stack([_found(state, CONTRAST) | _found(state, SLOW), _found(state, CONTRAST) | _found(state, FAST), _found_at_place(state)])
-    rise = np.where(found, rises[0], NOTHING)
-    at = np.argmax(rise, axis=0)
-    largest, lower = (np.take_along_axis(each, at[None, :], axis=0)[0] for each in (rise, rises[1]))
-    known = np.isfinite(largest) & (largest > 0)
-    return ChannelRise(
-        rise=np.where(known, largest, NOTHING),
-        std=np.where(known, np.maximum(largest - lower, LEAST_STD), 0.0),
-        at=at,
-        ratio=np.exp(np.where(_found_at_place(state), state.shift[RESIDUAL], 0.0)),
+class Evidence(NamedTuple):
+    """What the replays so far say about changed friction."""
+
+    wear: Array  # (N,) [log] that was found, over the level that it counts from
+    wear_std: Array  # (N,)
+    above: Array  # (N, 3) probability that it is above the rise of each tier
+    raises: Array  # (N,) index of the highest tier that may be raised; −1: none
+    fall: Array  # (N,) friction over that at the beginning [log], without running-in and without what joints changed together
+    fall_std: Array  # (N,)
+    below: Array  # (N,) probability that it fell by more than the wear tier's rise
+    falls: np.ndarray  # (N,) whether fallen friction may be raised
+    common: Array  # (A,) what most joints changed together [log]; 0 where that was not found
+    common_std: Array  # (A,)
+    together: np.ndarray  # (A,) whether that may be raised
+    beside: RiseBeside | None = None  # what the series beside F(v*) found
+
+
+def weigh_evidence(state: DriftState, settings: HealthSettings) -> Evidence:
+    """The evidence after an observation."""
+    friction, rises = state.friction, np.log1p(settings.rises)
+    wear, wear_std = found_wear(friction)
+    above = wear_above(friction, rises)
+    risen: np.ndarray = friction.of_joints(friction.risen)
+    beside = rise_beside(state)
+    tiers = np.stack([risen, risen & (above[:, 1] >= settings.wear_sure), risen & (above[:, 2] >= settings.limit_sure)], axis=1)
+    tiers |= _tiers_beside(beside, wear, settings)
+    fall, fall_std = fallen(friction)
+    least = np.log1p(-settings.wear_rise)
+    below = scipy.special.ndtr((least - fall) / np.maximum(fall_std, 1e-9))
+    common, common_std = _together(friction)
+    up = friction.of_arms(friction.risen)
+    down = friction.of_arms(friction.fell) & (scipy.special.ndtr((least - common) / np.maximum(common_std, 1e-9)) >= settings.wear_sure)
+    return Evidence(
+        wear=wear,
+        wear_std=wear_std,
+        above=above,
+        raises=np.max(np.where(tiers, np.arange(tiers.shape[1]), -1), axis=1),
+        fall=fall,
+        fall_std=fall_std,
+        below=below,
+        falls=friction.of_joints(friction.fell) & (below >= settings.wear_sure),
+        common=common,
+        common_std=common_std,
+        together=up | down,
+        beside=beside,
     )
 
 
-def channel_tiers(channels: ChannelRise | None, excess: Array, settings: HealthSettings) -> np.ndarray:
-    """(N, 3) whether a channel shows the rise of each tier. excess : (N,) of F(v*) [log]; a fall of it counts against the rise."""
-    if channels is None:
-        return np.zeros((len(excess), len(settings.rises)), dtype=bool)
-    known = np.isfinite(channels.rise)
-    rise = np.where(known, channels.rise, 0.0) + np.minimum(excess, 0.0)
-    wear = scipy.special.ndtr((rise - np.log1p(settings.wear_rise)) / np.where(known, channels.std, 1.0)) >= settings.wear_sure
-    return np.stack([known & (rise >= np.log1p(settings.advisory_rise)), known & wear, np.zeros_like(known)], axis=1)
+def _together(friction: FrictionState) -> tuple[Array, Array]:
+    """Mean and standard deviation (A,) of what the means of the arms have changed by since the beginning [log], as found."""
+    x, P, p = (friction.of_arms(each) for each in (friction.x[:, WEAR], friction.P[:, WEAR, WEAR], friction.p))
+    mean = (p * x).sum(axis=0)
+    var = (p * (P + (x - mean) ** 2)).sum(axis=0) + friction.of_arms(friction.moved_var)
+    return mean + friction.of_arms(friction.moved), np.sqrt(var)
 
 
-def joint_channel_rise(channels: ChannelRise | None, excess: Array, j: int) -> JointChannelRise:
-    """What the channels found of joint j (from 0), with the fall of F(v*) taken from it."""
-    if channels is None or not np.isfinite(channels.rise[j]):
-        return JointChannelRise(NOTHING, 0.0, None, 1.0)
-    rise = float(channels.rise[j] + min(excess[j], 0.0))
-    if rise <= excess[j]:
-        return JointChannelRise(NOTHING, 0.0, None, 1.0)
-    return JointChannelRise(rise, float(channels.std[j]), SPEEDS_RAD_S[int(channels.at[j])], float(channels.ratio[j]))
+def raised_by_production(raises: Array) -> Array:
+    """(N,) the tiers to which production alone may raise an alert, an advisory at most: one replay shall confirm whatever is graver."""
+    return np.minimum(raises, 0)
 
 
-def _found(state: ChannelState, channel: int) -> np.ndarray:
-    found: np.ndarray = state.found[channel] > 0
-    return found
+# --- The series beside F(v*) ---
 
 
-def _found_at_place(state: ChannelState) -> np.ndarray:
-    """(N,) whether the residual grew, and not because the current is noisier."""
-    at_place: np.ndarray = _found(state, RESIDUAL) & ~noisier(state)
-    return at_place
+def risen_beside(state: DriftState, name: str) -> np.ndarray:
+    """(N,) whether a series has risen, by the model of its own."""
+    series = state.beside.get(name)
+    return np.zeros(state.joints, dtype=bool) if series is None else series.of_joints(series.risen)
 
 
-def noisier(state: ChannelState) -> np.ndarray:
+def shift_beside(state: DriftState, name: str) -> tuple[Array, Array]:
+    """Mean and standard deviation (N,) of what a series has changed by, as found [log]; 0 where it was never measured."""
+    series = state.beside.get(name)
+    return (np.zeros(state.joints),) * 2 if series is None else found_wear(series)
+
+
+def noisier(state: DriftState) -> np.ndarray:
     """(N,) whether a joint's current is noisier than it was, and the others' are not as much."""
-    noise: np.ndarray = _found(state, NOISE) & (state.shift[NOISE] > 0)
-    return noise
+    return risen_beside(state, "noise")
 
 
-def _rises(state: ChannelState, shift: Array) -> Array:
-    """(3, N) rise at low speed, at high speed and at one place [log], by shifts (C, N) of the channels from their baselines."""
-    before = state.level[CONTRAST]
-    after = before + np.where(_found(state, CONTRAST), shift[CONTRAST], 0.0)
-    line = [np.nan_to_num(_to_reference(after, v) - _to_reference(before, v)) for v in (SLOW_RAD_S, FAST_RAD_S)]
-    fitted = [np.where(_found(state, k), shift[k], -np.inf) for k in (SLOW, FAST)]
-    was = np.exp(2.0 * state.level[RESIDUAL] - 2.0 * state.log_torque)  # (N,) of friction squared
-    more = was * np.expm1(2.0 * np.maximum(shift[RESIDUAL], 0.0))
-    return np.stack([np.maximum(line[0], fitted[0]), np.maximum(line[1], fitted[1]), np.log1p(np.sqrt(np.nan_to_num(more)))])
+def _maybe_noisier(state: DriftState) -> np.ndarray:
+    """(N,) whether a joint's current is likely noisier than it was, found or not yet: the residual may be found before its cause is."""
+    series = state.beside.get("noise")
+    if series is None:
+        return np.zeros(state.joints, dtype=bool)
+    grown: np.ndarray = series.wear(model_beside("noise")).below(np.full(len(series.replays), NOISIER_LOG)) < 0.5
+    likely: np.ndarray = noisier(state) | series.of_joints(grown)
+    return likely
+
+
+def rise_beside(state: DriftState) -> RiseBeside | None:
+    """The rise of each joint by the series beside F(v*); None where none was measured."""
+    if not state.beside:
+        return None
+    found = {name: risen_beside(state, name) for name in ("contrast", "slow", "fast", "residual")}
+    found["residual"] = found["residual"] & ~_maybe_noisier(state)  # that grew because the current is noisier
+    shifts = {name: shift_beside(state, name) for name in found}
+    largest = _rises(state, found, {name: mean for name, (mean, _) in shifts.items()})
+    lower = _rises(state, found, {name: mean - np.copysign(std, mean) for name, (mean, std) in shifts.items()})
+    at = np.argmax(largest, axis=0)
+    rise, less = (np.take_along_axis(each, at[None, :], axis=0)[0] for each in (largest, lower))
+    known = np.isfinite(rise) & (rise > 0)
+    return RiseBeside(
+        rise=np.where(known, rise, NOTHING),
+        std=np.where(known, np.maximum(np.where(known, rise, 0.0) - np.where(known, less, 0.0), LEAST_STD), 0.0),
+        at=at,
+        ratio=np.exp(np.where(found["residual"], shifts["residual"][0], 0.0)),
+    )
+
+
+def joint_rise_beside(beside: RiseBeside | None, wear: Array, j: int) -> JointRiseBeside:
+    """What the series found of joint j (from 0), with a fall of F(v*) taken from it."""
+    if beside is None or not np.isfinite(beside.rise[j]):
+        return JointRiseBeside(NOTHING, 0.0, None, 1.0)
+    rise = float(beside.rise[j] + min(wear[j], 0.0))
+    if rise <= wear[j]:
+        return JointRiseBeside(NOTHING, 0.0, None, 1.0)
+    return JointRiseBeside(rise, float(beside.std[j]), SPEEDS_RAD_S[int(beside.at[j])], float(beside.ratio[j]))
+
+
+def _tiers_beside(beside: RiseBeside | None, wear: Array, settings: HealthSettings) -> np.ndarray:
+    """(N, 3) whether a series shows the rise of each tier; a fall of F(v*) counts against the rise."""
+    if beside is None:
+        return np.zeros((len(wear), len(settings.rises)), dtype=bool)
+    known = np.isfinite(beside.rise)
+    rise = np.where(known, beside.rise, 0.0) + np.minimum(wear, 0.0)
+    sure = scipy.special.ndtr((rise - np.log1p(settings.wear_rise)) / np.where(known, beside.std, 1.0)) >= settings.wear_sure
+    return np.stack([known & (rise >= np.log1p(settings.advisory_rise)), known & sure, np.zeros_like(known)], axis=1)
+
+
+def _level(series: FrictionState | None, joints: int) -> Array:
+    """(N,) of a series in the context in force, without wear [log]."""
+    if series is None:
+        return np.zeros(joints)
+    levels = series.x[:, LEVEL + series.slot, np.arange(len(series.slot))]
+    return series.of_joints((series.p * levels).sum(axis=0))
+
+
+def _rises(state: DriftState, found: Mapping[str, np.ndarray], shift: Mapping[str, Array]) -> Array:
+    """(3, N) rise at low speed, at high speed and at one place [log]; −∞ where it was not found."""
+    before = _level(state.beside.get("contrast"), state.joints)
+    after = before + shift["contrast"]
+    rises = []
+    for name, v in (("slow", SLOW_RAD_S), ("fast", FAST_RAD_S)):
+        line = np.where(found["contrast"], _to_reference(after, v) - _to_reference(before, v), NOTHING)
+        rises.append(np.maximum(line, np.where(found[name], shift[name], NOTHING)))
+    was = np.exp(2.0 * (_level(state.beside.get("residual"), state.joints) - _level(state.friction, state.joints)))  # of friction squared
+    more = was * np.expm1(2.0 * np.maximum(shift["residual"], 0.0))
+    return np.stack([*rises, np.where(found["residual"], np.log1p(np.sqrt(more)), NOTHING)])
 
 
 def _to_reference(contrast: Array, speed_rad_s: float) -> Array:
@@ -167,278 +248,3 @@ def _to_reference(contrast: Array, speed_rad_s: float) -> Array:
     dry = np.exp(np.clip(contrast, -20.0, 20.0))
     ratio: Array = np.log((dry + speed_rad_s) / (dry + REFERENCE_RAD_S))
     return ratio
-
-
-# --- The evidence of changed friction --------------------------------------------------------------------
-
-FALLING = len(TIERS)  # column of `Counts` that counts fallen friction; the columns before it count risen friction, one a tier
-COLUMNS = FALLING + 1
-# Upward crossings of its mean by the estimated wear of a healthy joint. 0.25 was measured where no change was found. One that was found by
-# chance is estimated anew with every replay, and its wear crosses more often: this leads to 3 σ, at which such an alert ends.
-CROSSINGS_PER_YEAR = 0.75
-# Share of the standard deviations that wear needs on the replay that finds a rise which began long ago: that it was found is evidence too.
-# With all of them a fifth of slow wear waited for days; with fewer, joints whose noise lasts longer than their fellows' are told of.
-FOUND_SHARE = 0.9
-# The same as long as a rise is held that was found where production is observed. With all of them a quarter of slow wear waited for more
-# than a month.
-PRODUCTION_FOUND_SHARE = 5.0 / 6.0
-# The same where no change was ever found. The filter lets wear of such a joint wander by little, and noise that lasts for months, or a
-# sensor that drifts, is what it follows.
-UNFOUND_SHARE = 1.18
-PRODUCTION_SIGMAS = 4.0  # of a rise that production alone may raise as an advisory; a smaller one asks for a replay
-MIN_WEAR_STD = 1e-9  # keeps the number of standard deviations finite
-MIN_JOINTS_TOGETHER = 3  # two joints that rise do not show whether they rise for a common cause
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WearAfterReplay:
-    """Estimated wear after a replay, and what the replay counts for, (N,) each: N joints of A arms, arm by arm."""
-
-    wear: Array  # logarithm of friction torque over the lowest that the joint surely held
-    wear_std: Array
-    known: np.ndarray  # whether any replay has updated the joint
-    usable: np.ndarray  # whether this replay counts, for or against a change
-    day: Array  # UTC day of the replay, counted from 1970-01-01
-    agreeing: Array  # replays, this one included, that are known to agree with it
-    interval_days: Array  # usual time between replays [d]
-    changed: np.ndarray  # whether a change was found since the joint was new; True in beliefs of releases that did not remember it
-    risen: np.ndarray | None = None  # whether a rise was found and is held; None: the arm's production is not observed
-    channels: ChannelRise | None = None  # what the channels beside F(v*) found; None: there are none
-    # None of the following is 0: wear then counts from the beginning, and no joint ever changed together with the others
-    fallen: Array | None = None  # logarithm of that lowest friction over that at the beginning, ≤ 0, running-in left out
-    fallen_std: Array | None = None
-    shared: Array | None = None  # what the joint changed together with most joints of its arm; not part of `wear`
-    shared_std: Array | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Counts:
-    """Consecutive replays that agree, their UTC days, and the last of these days: (N, 4) for the joints, (A,) for the arms."""
-
-    replays: Array
-    days: Array
-    last_day: Array
-    arm_replays: Array
-    arm_days: Array
-    arm_last_day: Array
-
-
-class Evidence(NamedTuple):
-    """What the replays so far say about changed friction."""
-
-    counts: Counts  # this replay included
-    excess: Array  # (N,) wear beyond the common rise of the arm's joints, logarithm
-    common: Array  # (A,) common rise of the arm's joints, logarithm; 0 where there is none
-    fallen: Array  # (A,) common fall of the arm's joints, logarithm, negative; 0 where there is none
-    above: Array  # (N, 3) probability that the excess is above the rise of each tier
-    below: Array  # (N,) probability that friction fell by more than the wear tier's rise, beyond the common fall
-    sigmas: Array  # (N,) the excess in standard deviations
-    raises: Array  # (N,) index of the highest tier that may be raised; −1: none
-    falls: np.ndarray  # (N,) whether fallen friction may be raised
-    together: np.ndarray  # (A,) whether a common rise or fall may be raised
-    risen: Array  # (N,) friction above the lowest held, what the joint changed together with the others included, logarithm
-    fall: Array  # (N,) friction over that at the beginning, logarithm, without running-in and without what joints changed together
-    channels: ChannelRise | None = None  # what the channels beside F(v*) found
-
-
-def nothing_counted(joints: int, arms: int) -> Counts:
-    """The counts before the first replay; `joints` is N."""
-    return Counts(
-        replays=np.zeros((joints, COLUMNS)),
-        days=np.zeros((joints, COLUMNS)),
-        last_day=np.full((joints, COLUMNS), -1.0),
-        arm_replays=np.zeros(arms),
-        arm_days=np.zeros(arms),
-        arm_last_day=np.full(arms, -1.0),
-    )
-
-
-def counts_of(health: Health) -> Counts:
-    """The counts of one arm from its health."""
-    rows = [[*joint.rising, joint.falling] for joint in health.joints]
-    return Counts(
-        replays=np.array([[float(each.replays) for each in row] for row in rows]),
-        days=np.array([[float(each.days) for each in row] for row in rows]),
-        last_day=np.array([[float(each.last_day) for each in row] for row in rows]),
-        arm_replays=np.array([float(health.common.replays)]),
-        arm_days=np.array([float(health.common.days)]),
-        arm_last_day=np.array([float(health.common.last_day)]),
-    )
-
-
-def wear_after_replay(belief: Belief, usable: np.ndarray) -> WearAfterReplay:
-    """The wear of one arm after the belief's last replay; usable : (J,) as in `WearAfterReplay`."""
-    return wear_of_state(belief.filter_state, usable, math.floor(belief.at_unix_s / DAY_S))
-
-
-def wear_of_state(state: FilterState, usable: np.ndarray, day: float) -> WearAfterReplay:
-    """The wear of the N joints of a filter state after a replay; usable : (N,), day : as in `WearAfterReplay`, the same for all joints."""
-    reference = state.counted_from
-    return WearAfterReplay(
-        wear=state.wear,
-        wear_std=state.wear_std,
-        known=state.replays > 0,
-        usable=usable,
-        day=np.full(state.joints, float(day)),
-        agreeing=state.agreeing,
-        interval_days=state.interval_days,
-        changed=state.chance.since < state.replays,
-        risen=None if state.sources is None else state.sources.risen > 0,
-        channels=channel_rise(state.channels),
-        fallen=reference.fallen,
-        fallen_std=np.sqrt(reference.fallen_var),
-        shared=reference.shared,
-        shared_std=np.sqrt(reference.shared_var),
-    )
-
-
-def advisory_sigmas(joints: int, settings: HealthSettings) -> float:
-    """The standard deviations that wear must exceed, so that an arm of `joints` healthy joints causes no more advisories than allowed.
-
-    A smooth Gaussian process that crosses its mean upwards f₀ times a year crosses z of its standard deviations f₀·exp(−z²/2) times
-    (Rice, 1945).
-    """
-    return math.sqrt(2.0 * math.log(max(joints * CROSSINGS_PER_YEAR / settings.false_alarms_per_year, 2.0)))
-
-
-def weigh_evidence(after: WearAfterReplay, before: Counts, joints_per_arm: int, settings: HealthSettings) -> Evidence:
-    """The evidence after a replay; before : the counts after the replay before."""
-    J, wear, std = joints_per_arm, after.wear, np.maximum(after.wear_std, MIN_WEAR_STD)
-    zero = np.zeros(len(wear))
-    shared = zero if after.shared is None else after.shared
-    risen, risen_std = wear + shared, std if after.shared_std is None else np.hypot(std, after.shared_std)
-    fall = wear if after.fallen is None else wear + after.fallen
-    fall_std = std if after.fallen_std is None else np.hypot(std, after.fallen_std)
-    least_fall = math.log1p(-settings.wear_rise)  # a common fall is reported from where the fall of one joint is
-    least_rise = math.log1p(settings.advisory_rise)
-    common = _common_rise(risen, risen_std, after.known, J, settings, least_rise)
-    fallen = -_common_rise(-(fall + shared), np.hypot(fall_std, risen_std), after.known, J, settings, -least_fall)
-    if after.shared is not None and after.shared_std is not None:  # most joints changed together, though not all of them as much
-        largest = _largest_shared(shared, np.maximum(after.shared_std, MIN_WEAR_STD), J, settings)
-        fallen = np.where((fallen == 0.0) & (largest <= least_fall), largest, fallen)
-        common = np.where((common == 0.0) & (fallen == 0.0) & (largest >= least_rise), largest, common)
-    excess, rises = wear - not_of_one_joint(wear, shared, after.known, J, settings.common_share), np.log1p(settings.rises)
-    sigmas = excess / std
-    above = scipy.special.ndtr((excess[:, None] - rises) / std[:, None])  # (N, 3)
-    below = scipy.special.ndtr((least_fall + np.repeat(fallen, J) - fall) / fall_std)  # (N,)
-    required = advisory_sigmas(J, settings)
-    significant = sigmas >= required
-    agree = np.empty((len(wear), COLUMNS), dtype=bool)
-    agree[:, 0] = (sigmas >= required_of_joints(after, required)) & (excess >= rises[0])
-    agree[:, 1] = significant & (above[:, 1] >= settings.wear_sure)
-    agree[:, 2] = significant & (above[:, 2] >= settings.limit_sure)
-    agree[:, FALLING] = below >= settings.wear_sure
-    agree[:, :FALLING] |= channel_tiers(after.channels, excess, settings)
-
-    counts = _counted(before, after, agree, (common > 0) | (fallen < 0))
-    enough = (counts.replays >= settings.min_replays) & (counts.days >= settings.min_days)
-    return Evidence(
-        counts=counts,
-        excess=excess,
-        common=common,
-        fallen=fallen,
-        above=above,
-        below=below,
-        sigmas=sigmas,
-        raises=np.max(np.where(enough[:, :FALLING], np.arange(FALLING), -1), axis=1),
-        falls=enough[:, FALLING],
-        together=(counts.arm_replays >= settings.min_replays) & (counts.arm_days >= settings.min_days),
-        channels=after.channels,
-        risen=risen,
-        fall=fall,
-    )
-
-
-def required_of_joints(after: WearAfterReplay, required: float) -> Array:
-    """(N,) standard deviations of wear that an advisory requires. required : after a change that was found some time ago.
-
-    With replays alone, a rise needs less on the replay that finds it, where all replays since agree; later, when the size is known better,
-    as much as any. Where production is observed replays are rare, and it needs less for as long as it is held.
-    """
-    if after.risen is not None:
-        return np.where(after.risen, PRODUCTION_FOUND_SHARE * required, required)
-    return required * np.where(after.agreeing >= LONG, FOUND_SHARE, np.where(after.changed, 1.0, UNFOUND_SHARE))
-
-
-def _counted(before: Counts, after: WearAfterReplay, agree: np.ndarray, together: np.ndarray) -> Counts:
-    """The counts with one more replay; agree : (N, 4) of the joints, together : (A,) of the arms."""
-    arms = len(together)
-    J = len(after.wear) // arms
-    agreeing_days = np.maximum(1.0, np.round(after.agreeing * np.minimum(after.interval_days, 1.0)))
-    replays, days, last_day = _count(
-        (before.replays, before.days, before.last_day),
-        agree,
-        after.usable[:, None],
-        after.day[:, None],
-        (after.agreeing[:, None], agreeing_days[:, None]),
-    )
-    # as for a joint, an unusable replay neither confirms nor contradicts; a replay of an arm is usable where half of its joints are
-    usable = 2 * after.usable.reshape(-1, J).sum(axis=1) >= J
-    once = np.ones(arms)
-    arm_replays, arm_days, arm_last_day = _count(
-        (before.arm_replays, before.arm_days, before.arm_last_day), together, usable, after.day[::J], (once, once)
-    )
-    return Counts(
-        replays=replays, days=days, last_day=last_day, arm_replays=arm_replays, arm_days=arm_days, arm_last_day=arm_last_day
-    )  # fmt: skip
-
-
-def _count(
-    before: tuple[Array, Array, Array], agree: np.ndarray, usable: np.ndarray, day: Array, weight: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Replays, days and last day with one more replay: the counts grow where it agrees and begin again where it does not.
-
-    weight : replays and days that the replay counts for.
-    """
-    replays, days, last = before
-    more, gone = agree & usable, ~agree & usable
-    new_days = np.where(gone, 0.0, days + (more & (last != day)) * weight[1])
-    return np.where(gone, 0.0, replays + more * weight[0]), new_days, np.where(gone, -1.0, np.where(more, day, last))
-
-
-def raised_by_production(evidence: Evidence) -> Array:
-    """(N,) the tiers to which production alone may raise an alert; −1: none.
-
-    It raises an advisory at most, and that only where it is surer than a replay needs to be: what changes the production changes friction
-    too. Whatever the evidence would raise beyond that, one replay shall confirm.
-    """
-    advisory: Array = np.where(evidence.sigmas >= PRODUCTION_SIGMAS, np.minimum(evidence.raises, 0), -1)
-    return advisory
-
-
-def not_of_one_joint(wear: Array, shared: Array, known: np.ndarray, joints_per_arm: int, share: float) -> Array:
-    """(N,) the part of each joint's wear that most joints of its arm have too, logarithm, ≥ 0.
-
-    share : of the joints that is most of them; two thirds, so that the rise of two in six is theirs, however large. A joint whose part
-    of a common change was taken for wear of its own, because it was detected before that of the others, has as much of it left as they
-    have had.
-    """
-    J = joints_per_arm
-    risen = np.where(known, wear + shared, np.nan).reshape(-1, J)
-    count = known.reshape(-1, J).sum(axis=1)
-    ordered = np.sort(risen, axis=1)  # NaN last
-    at = np.clip(count - np.ceil(share * count - 1e-9), 0, J - 1).astype(int)
-    most = np.where(count >= MIN_JOINTS_TOGETHER, ordered[np.arange(len(count)), at], 0.0)
-    left: Array = np.maximum(np.repeat(np.maximum(most, 0.0), J) - np.maximum(shared, 0.0), 0.0)
-    return left
-
-
-def _largest_shared(shared: Array, std: Array, joints_per_arm: int, settings: HealthSettings) -> Array:
-    """(A,) the largest common change of any joint of the arm that is sure, logarithm, of either sign; 0 where none is."""
-    J = joints_per_arm
-    sure = np.where(np.abs(shared) >= advisory_sigmas(J, settings) * std, shared, 0.0).reshape(-1, J)
-    largest: Array = sure[np.arange(len(sure)), np.argmax(np.abs(sure), axis=1)]
-    return largest
-
-
-def _common_rise(wear: Array, std: Array, known: np.ndarray, joints_per_arm: int, settings: HealthSettings, least: float) -> Array:
-    """(A,) rise of most joints of an arm together, logarithm; 0 where there is none, or where it is below `least`."""
-    known = known.reshape(-1, joints_per_arm)
-    shown = np.where(known, wear.reshape(-1, joints_per_arm), np.nan)
-    count = known.sum(axis=1)
-    rising = (scipy.special.ndtr((wear / std).reshape(-1, joints_per_arm)) >= settings.common_sure) & known
-    shift = np.zeros(len(count))
-    together = (count >= MIN_JOINTS_TOGETHER) & (rising.sum(axis=1) >= settings.common_share * count)
-    if together.any():
-        shift[together] = np.nanmedian(shown[together], axis=1)
-    return np.where(shift >= least, shift, 0.0)

@@ -59,9 +59,7 @@ class JointHealth:
     state: str = NORMAL
     why: Reason = NOTHING_KNOWN
     since_unix_s: float = 0.0
-    rising: tuple[Confirmations, ...] = (NO_CONFIRMATIONS,) * len(TIERS)  # of risen friction, one a tier
-    falling: Confirmations = NO_CONFIRMATIONS  # of fallen friction
-    confirmations: tuple[tuple[str, Confirmations], ...] = ()  # of other conditions, by name
+    confirmations: tuple[tuple[str, Confirmations], ...] = ()  # of conditions of the data, by name
     learnt_at_unix_s: float | None = None  # of the last replay that updated the joint
 
 
@@ -152,7 +150,6 @@ class Health:
     since_unix_s: float = 0.0
     joints: tuple[JointHealth, ...]
     alerts: tuple[Alert, ...] = ()
-    common: Confirmations = NO_CONFIRMATIONS  # of friction that changed in most joints together
     confirmations: tuple[tuple[str, Confirmations], ...] = ()  # of the arm, by condition
 
     @property

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from monitor.errors import BadInput
 from monitor.judge.alerts.condition import AlertCondition, ConditionStatus, ServiceSituation
 from monitor.judge.alerts.conditions import FALLING, RISES, STOPPED
-from monitor.judge.alerts.health import NO_CONFIRMATIONS, SEVERITY, TIERS, Acknowledgement, Alert, Gravest, Health, JointHealth, Transition
+from monitor.judge.alerts.health import SEVERITY, TIERS, Acknowledgement, Alert, Gravest, Health, JointHealth, Transition
 from monitor.judge.alerts.states import arm_of, joint_of
 from monitor.judge.drift.maintenance import NEW_JOINT, NEW_REFERENCE, STILL_WORN, Maintenance
 from monitor.judge.settings import HealthSettings
@@ -293,13 +293,6 @@ def settle(alert: Alert, act: Maintenance, status: ConditionStatus, at_unix_s: f
     return Transition("updated", with_gravest(after, alert.gravest_so_far))
 
 
-def without_confirmations(joint: JointHealth, maintenance: tuple[Maintenance, ...]) -> JointHealth:
-    """The joint's health without the replays that confirmed a change of friction before work on it."""
-    if all(act.joint != joint.joint for act in maintenance):
-        return joint
-    return replace(joint, rising=(NO_CONFIRMATIONS,) * len(TIERS), falling=NO_CONFIRMATIONS)
-
-
 def _marked(alert: Alert, act: Maintenance, at_unix_s: float) -> Alert:
     return replace(
         alert,
@@ -327,7 +320,7 @@ def _restated(joint: JointHealth, maintenance: tuple[Maintenance, ...], alerts: 
     own = [act for act in maintenance if act.joint == joint.joint]
     if not own:
         return joint
-    fresh = without_confirmations(joint, maintenance)
+    fresh = joint
     if own[-1].outcome == NEW_JOINT:
         fresh = replace(
             JointHealth(joint=joint.joint), learnt_at_unix_s=joint.learnt_at_unix_s, state=joint.state, since_unix_s=joint.since_unix_s

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 
 from monitor.judge.alerts.wear_paths import ACCELERATING, SLOWING, STRAIGHT, WearPaths, wear_paths
-from monitor.judge.drift.filter_state import RATE, WEAR
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.step import DriftState
+from monitor.judge.friction.prior import WearPrior
+from monitor.judge.friction.states import RATE, WEAR
+from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.settings import PrognosisSettings
 from monitor.reason import Reason, Sentence, reason_at, together
 from monitor.recording import Array
@@ -138,17 +138,17 @@ def remaining_life(
     )
 
 
-def remaining_life_of_joint(state: DriftState, n: int, drift: DriftSettings, prognosis: PrognosisSettings) -> RemainingLife:
-    """The remaining life of joint n of a state, along the path that its friction has taken so far.
+def remaining_life_of_joint(
+    state: FrictionState, n: int, model: FrictionModel, prognosis: PrognosisSettings, prior: WearPrior | None = None
+) -> RemainingLife:
+    """The remaining life of channel n of a state, along the path that its friction has taken so far. prior : of the fleet.
 
     A joint whose friction begins to rise on day 60, by 30 % in the square of the time to day 360, asked on day 300:
 
     >>> import numpy as np
-    >>> from monitor.judge.drift.observation import Observation
-    >>> from monitor.judge.drift.step import Replay, initial_state, step
-    >>> from monitor.judge.temperature.laws import TemperatureSettings
-    >>> drift, temperature = DriftSettings(), TemperatureSettings()
-    >>> rng, state = np.random.default_rng(1), None
+    >>> from monitor.judge.friction.observation import Observation
+    >>> from monitor.judge.friction.step import FrictionModel, initial_state, step
+    >>> model, rng, state = FrictionModel(), np.random.default_rng(1), None
     >>> for day in range(300):
     ...     torque = 10.0 * np.exp(0.02 * rng.normal(size=6))
     ...     torque[1] *= 1.0 + 0.3 * (max(day - 60, 0) / 300) ** 2
@@ -162,19 +162,19 @@ def remaining_life_of_joint(state: DriftState, n: int, drift: DriftSettings, pro
     ...         viscous_nm_s_per_rad=torque,
     ...     )
     ...     if state is None:
-    ...         state = initial_state(observation, 6, drift, temperature)
-    ...     state = step(state, Replay(observation=observation, days=np.array([float(day > 0)])), drift, temperature).state
-    >>> life = remaining_life_of_joint(state, 1, drift, PrognosisSettings())
+    ...         state = initial_state(observation, 6, model)
+    ...     state = step(state, observation, np.array([float(day > 0)]), model, in_place=True)
+    >>> life = remaining_life_of_joint(state, 1, model, PrognosisSettings())
     >>> life.path
     'accelerating'
     """
-    joints, pair = state.filter_state, [WEAR, RATE]
-    mean, cov = joints.mean[n, pair], joints.cov[n][np.ix_(pair, pair)]
-    straight = remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis)
+    mean, cov = state.of_kinds(np.array([WEAR, RATE]), n)
+    walk = model.states.level_walk
+    straight = remaining_life(mean, cov, wear_walk_per_sqrt_day=walk, settings=prognosis)
     if straight.verdict != "trend":
         return straight
-    paths = wear_paths(joints, n, int(state.slot[n]), state.joints_per_arm, drift)
-    return remaining_life(mean, cov, wear_walk_per_sqrt_day=drift.wear_walk_per_sqrt_day, settings=prognosis, paths=paths)
+    paths = wear_paths(state.course[n], state, n, model, prior)
+    return remaining_life(mean, cov, wear_walk_per_sqrt_day=walk, settings=prognosis, paths=paths)
 
 
 def as_rise(mean: Array, cov: Array) -> tuple[Array, Array]:

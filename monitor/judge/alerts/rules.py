@@ -13,27 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from monitor.judge.alerts.condition import AlertCondition, ArmSituation, ConditionStatus, JointSituation
-from monitor.judge.alerts.conditions import CONDITIONS, RISES
-from monitor.judge.alerts.evidence import (
-    FALLING,
-    Counts,
-    Evidence,
-    advisory_sigmas,
-    counts_of,
-    joint_channel_rise,
-    raised_by_production,
-    required_of_joints,
-    wear_after_replay,
-    weigh_evidence,
-)
+from monitor.judge.alerts.conditions import CONDITIONS, RISES, noise_reason
+from monitor.judge.alerts.evidence import Evidence, joint_rise_beside, raised_by_production, weigh_evidence
 from monitor.judge.alerts.health import NO_CONFIRMATIONS, TIERS, Alert, Attribution, Confirmations, Health, JointHealth, Transition
-from monitor.judge.alerts.life_cycle import OF_FRICTION, begin, next_transition, settle, without_confirmations
+from monitor.judge.alerts.life_cycle import OF_FRICTION, begin, next_transition, settle
 from monitor.judge.alerts.states import arm_of, arm_state, attribute_changes, joint_state
 from monitor.judge.belief import Belief
 from monitor.judge.drift.maintenance import Maintenance
-from monitor.judge.drift.settings import DriftSettings
 from monitor.judge.drift.undeclared import NO_UNDECLARED_CHANGE, UndeclaredChange
-from monitor.judge.settings import HealthSettings
+from monitor.judge.settings import AssessSettings
 from monitor.reason import Reason, Sentence, together
 from monitor.recording import DAY_S
 
@@ -50,34 +38,31 @@ class Judgement(NamedTuple):
 def judge(
     health: Health | None,
     belief: Belief,
-    settings: HealthSettings,
+    settings: AssessSettings,
     undeclared: UndeclaredChange = NO_UNDECLARED_CHANGE,
     *,
-    drift: DriftSettings | None = None,
     maintenance: tuple[Maintenance, ...] = (),
 ) -> Judgement:
     """Health after the belief's last replay.
 
     health : before the replay, None or without joints before the first one; undeclared : change that the replay contradicts the
-    declarations by; drift : for the published figure of wear, which alerts do not depend on;
-    maintenance : of joints, that this replay declares first, or judges.
+    declarations by; maintenance : of joints, that this replay declares first, or judges.
     """
     at, J = belief.at_unix_s, belief.joints
     before = health or Health(joints=(), since_unix_s=at)
     if not before.joints:  # the first replay: there are at most alerts of the service's own
         before = replace(before, joints=tuple(JointHealth(joint=j + 1, since_unix_s=at) for j in range(J)), since_unix_s=at)
     begun = tuple(act for act in maintenance if act.declared_at_unix_s == at)
-    before = replace(before, joints=tuple(without_confirmations(joint, begun) for joint in before.joints))
-    evidence = _evidence(belief, before, settings, undeclared)
+    evidence = weigh_evidence(belief.drift_state, settings.health)
     arm = ArmSituation(
         belief=belief,
         evidence=evidence,
         undeclared=undeclared,
-        common=_common(evidence.counts),
         alerts={alert.key: alert for alert in before.alerts},
-        settings=settings,
+        settings=settings.health,
     )
-    situations = [_joint_situation(arm, *each) for each in zip(before.joints, attribute_changes(belief), strict=True)]
+    causes = attribute_changes(belief, settings.friction)
+    situations = [_joint_situation(arm, *each) for each in zip(before.joints, causes, strict=True)]
     confirmations = _confirm_arm(arm, dict(before.confirmations))
     statuses = [each for situation in situations for each in _joint_statuses(situation)] + _arm_statuses(arm, confirmations)
 
@@ -92,8 +77,7 @@ def judge(
             known[joint, condition.name] = transition.alert
             transitions.append(transition)
     alerts = tuple(known.values())
-    published = drift or DriftSettings()
-    wear, unseen = belief.wear_with_undetected(published), belief.unseen_step(published)
+    wear, unseen = belief.change_with_unfound(settings.friction), belief.unseen_step(settings.friction)
     joints = tuple(joint_state(situation, *wear, unseen, alerts) for situation in situations)
     state, why = arm_state(arm, joints, alerts)
     after = Health(
@@ -102,7 +86,6 @@ def judge(
         since_unix_s=before.since_unix_s if state == before.state else at,
         joints=joints,
         alerts=alerts,
-        common=arm.common,
         confirmations=tuple(confirmations.items()),
     )
     return Judgement(after, tuple(transitions))
@@ -116,24 +99,21 @@ class ProductionJudgement(NamedTuple):
     asks: tuple[int, ...]  # joints (from 1) whose friction seems to have risen to a graver tier than production alone may raise
 
 
-def judge_production(
-    health: Health, belief: Belief, usable: np.ndarray, learnt: np.ndarray, settings: HealthSettings, *, drift: DriftSettings
-) -> ProductionJudgement:
+def judge_production(health: Health, belief: Belief, learnt: np.ndarray, settings: AssessSettings) -> ProductionJudgement:
     """Health after a period of production, the belief's last observation.
 
     Production says something of the friction of single joints. What most joints do together, and what is wrong with data or declarations,
-    are for the replays to say. usable : (J,) joints whose production counts for or against a change; learnt : (J,) that were learned from.
+    are for the replays to say. learnt : (J,) joints that were learned from.
     """
     at = belief.at_unix_s
-    evidence = weigh_evidence(wear_after_replay(belief, usable & ~belief.awaiting_proof), counts_of(health), belief.joints, settings)
-    wanted, evidence = evidence.raises, evidence._replace(raises=raised_by_production(evidence), falls=np.zeros_like(evidence.falls))
+    found = weigh_evidence(belief.drift_state, settings.health)
+    evidence = found._replace(raises=raised_by_production(found.raises), falls=np.zeros_like(found.falls))
     arm = ArmSituation(
         belief=belief,
         evidence=evidence,
         undeclared=NO_UNDECLARED_CHANGE,
-        common=health.common,
         alerts={alert.key: alert for alert in health.alerts},
-        settings=settings,
+        settings=settings.health,
     )
     situations = [_after_maintenance(arm, joint, bool(learnt[joint.joint - 1])) for joint in health.joints]
     known, transitions = dict(arm.alerts), []
@@ -147,12 +127,12 @@ def judge_production(
             status = condition.joint.status(situation, NO_CONFIRMATIONS)
             if status is not None:
                 told = status._replace(text=partial(_unconfirmed, status.text), from_production=True)
-                transition = next_transition(known.get((joint, name)), joint, condition, told, at, settings)
+                transition = next_transition(known.get((joint, name)), joint, condition, told, at, settings.health)
                 if transition:
                     known[joint, name] = transition.alert
                     transitions.append(transition)
     alerts = tuple(known.values())
-    wear, unseen = belief.wear_with_undetected(drift), belief.unseen_step(drift)
+    wear, unseen = belief.change_with_unfound(settings.friction), belief.unseen_step(settings.friction)
     joints = tuple(
         joint_state(situation, *wear, unseen, alerts, of_replay=False) if learnt[situation.j] else situation.health
         for situation in situations
@@ -161,7 +141,8 @@ def judge_production(
     since = health.since_unix_s if state == health.state else at
     after = replace(health, state=state, why=why, since_unix_s=since, joints=joints, alerts=alerts)
     tiers = {alert.joint: TIERS.index(alert.tier) for alert in alerts if alert.active and alert.condition in RISES}
-    asks = tuple(j + 1 for j in range(belief.joints) if learnt[j] and wanted[j] > tiers.get(j + 1, -1))
+    alone = belief.unconfirmed
+    asks = tuple(j + 1 for j in range(belief.joints) if learnt[j] and (alone[j] or found.raises[j] > tiers.get(j + 1, -1)))
     return ProductionJudgement(after, tuple(transitions), asks)
 
 
@@ -173,16 +154,9 @@ def _unconfirmed(text: Callable[[], Reason]) -> Reason:
 
 
 def _after_maintenance(arm: ArmSituation, joint: JointHealth, learnt: bool) -> JointSituation:
-    """One joint after a period of production, with the confirmations that it adds."""
-    j, counts = joint.joint - 1, arm.evidence.counts
-    friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
-    counted = replace(
-        joint,
-        rising=tuple(friction[:FALLING]),
-        falling=friction[FALLING],
-        learnt_at_unix_s=arm.belief.at_unix_s if learnt else joint.learnt_at_unix_s,
-    )
-    return JointSituation(arm=arm, j=j, health=counted, attribution=None)
+    """One joint after a period of production."""
+    after = replace(joint, learnt_at_unix_s=arm.belief.at_unix_s if learnt else joint.learnt_at_unix_s)
+    return JointSituation(arm=arm, j=joint.joint - 1, health=after, attribution=None)
 
 
 def _next(
@@ -206,34 +180,15 @@ def _next(
     return next_transition(alert, joint, condition, status, at, arm.settings)
 
 
-def _evidence(belief: Belief, before: Health, settings: HealthSettings, undeclared: UndeclaredChange) -> Evidence:
-    """The evidence of changed friction after the last replay.
-
-    It counts for the joints that it updated inside the learned range, where no maintenance of them waits to be judged.
-    """
-    usable = belief.learnt_from & (belief.inside_range > 0) & (not undeclared.withheld) & ~belief.awaiting_proof
-    return weigh_evidence(wear_after_replay(belief, usable), counts_of(before), belief.joints, settings)
-
-
 def _day(belief: Belief) -> int:
     """UTC day of the last replay, counted from 1970-01-01."""
     return math.floor(belief.at_unix_s / DAY_S)
 
 
-def _common(counts: Counts) -> Confirmations:
-    return Confirmations(int(counts.arm_replays[0]), int(counts.arm_days[0]), int(counts.arm_last_day[0]))
-
-
 def _joint_situation(arm: ArmSituation, joint: JointHealth, attribution: Attribution | None) -> JointSituation:
     """One joint after the replay, with the confirmations that the replay adds."""
-    j, counts, belief = joint.joint - 1, arm.evidence.counts, arm.belief
-    friction = [Confirmations(int(counts.replays[j, k]), int(counts.days[j, k]), int(counts.last_day[j, k])) for k in range(FALLING + 1)]
-    counted = replace(
-        joint,
-        rising=tuple(friction[:FALLING]),
-        falling=friction[FALLING],
-        learnt_at_unix_s=belief.at_unix_s if belief.learnt_from[j] else joint.learnt_at_unix_s,
-    )
+    j, belief = joint.joint - 1, arm.belief
+    counted = replace(joint, learnt_at_unix_s=belief.at_unix_s if belief.learnt_from[j] else joint.learnt_at_unix_s)
     situation = JointSituation(arm=arm, j=j, health=counted, attribution=attribution)
     before, confirmations = dict(joint.confirmations), {}
     for name, condition in CONDITIONS.items():
@@ -284,7 +239,7 @@ def _arm_statuses(arm: ArmSituation, confirmations: Mapping[str, Confirmations])
 # --- Why a joint does not alert --------------------------------------------------------------------------
 
 
-def why_not_alerting(health: Health, belief: Belief, joint: int, settings: HealthSettings) -> tuple[Reason, ...]:
+def why_not_alerting(health: Health, belief: Belief, joint: int, settings: AssessSettings) -> tuple[Reason, ...]:
     """What is missing between a joint (from 1) and its next tier of risen friction; empty where the highest tier is active."""
     waiting = [act for act in belief.maintenance if act.waiting and act.joint == joint]
     if waiting:
@@ -293,44 +248,46 @@ def why_not_alerting(health: Health, belief: Belief, joint: int, settings: Healt
     tier = TIERS.index(active[0].tier) + 1 if active else 0
     if tier >= len(TIERS):
         return ()
-    nothing_usable = np.zeros(belief.joints, dtype=bool)  # the last replay is counted already
-    evidence = weigh_evidence(wear_after_replay(belief, nothing_usable), counts_of(health), belief.joints, settings)
-    return (
-        *_too_little_change(evidence, belief, joint - 1, tier, settings),
-        *_unusable_replay(belief, joint - 1),
-        *_too_few_replays(health, joint - 1, tier, settings),
-    )
+    evidence = weigh_evidence(belief.drift_state, settings.health)
+    return (*_too_little_change(evidence, belief, joint - 1, tier, settings), *_unusable_replay(belief, joint - 1))
 
 
 NEXT_TIER = Sentence("next_tier", "next is the {tier:word} tier, from {rise:+z.0%}; friction has changed by {change:+z.1%} ± {std:.1%}")
-RISEN_TOGETHER = Sentence("risen_together", "all joints have risen together by {change:+z.1%}: that is taken off")
-TOO_FEW_SIGMAS = Sentence("too_few_sigmas", "that is {sigmas:z.1f} of its standard deviations; {required:.1f} are asked for")
-BELOW = Sentence("below_tier", "it is below {rise:+z.0%}")
+TOO_FEW_ODDS = Sentence(
+    "too_few_odds",
+    "chance alone comes as far as this joint once in {odds:.0f} days; a rise is told from {needed:.0f} on ({share:.0%} of the way, in "
+    "logarithms)",
+)
+STANDS_OUT = Sentence(
+    "stands_out", "that is {factor:.1f} times the usual {limit:.0f}: chance has moved this arm's joints by more than noise explains"
+)
+STILL_LEARNING = Sentence("still_learning", "{replays} replays have shown this joint; nothing is told before the {learning}th")
 NOT_SURE = Sentence("not_sure", "P(more than {rise:.0%}) is {probability:.2f}; {required:.2f} is asked for")
 TAUGHT_NOTHING = Sentence("taught_nothing", "the last replay taught nothing of this joint")()
-UNKNOWN_TEMPERATURE = Sentence("unknown_temperature", "the last replay does not tell this joint's temperature: it counts for no alert")()
+UNKNOWN_TEMPERATURE = Sentence(
+    "unknown_temperature", "the last replay does not tell this joint's temperature: it is learnt with more doubt"
+)()
 NEW_TEMPERATURES = Sentence("new_temperatures", "the last replay was outside the temperatures learnt so far")()
-TOO_FEW_REPLAYS = Sentence("too_few_replays", "{replays} replays on {days} days in a row agree; {min_replays} on {min_days} are asked for")
 
 
-def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: HealthSettings) -> list[Reason]:
-    rise, change = settings.rises[tier], math.expm1(evidence.excess[j])
-    reasons = [NEXT_TIER(tier=TIERS[tier], rise=rise, change=change, std=belief.wear_std[j])]
-    channels = joint_channel_rise(evidence.channels, evidence.excess, j)
-    if channels.found:
-        reasons.append(channels.finding)
-    if evidence.common[0] > 0:
-        reasons.append(RISEN_TOGETHER(change=math.expm1(evidence.common[0])))
-    required = advisory_sigmas(belief.joints, settings)
-    if tier == 0:
-        required = float(required_of_joints(wear_after_replay(belief, belief.learnt_from), required)[j])
-    if evidence.sigmas[j] < required:
-        reasons.append(TOO_FEW_SIGMAS(sigmas=evidence.sigmas[j], required=required))
-    if tier == 0 and change < rise:
-        reasons.append(BELOW(rise=rise))
-    if tier > 0 and evidence.above[j, tier] < (sure := (settings.wear_sure, settings.limit_sure)[tier - 1]):
-        reasons.append(NOT_SURE(rise=rise, probability=evidence.above[j, tier], required=sure))
-    return reasons
+def _too_little_change(evidence: Evidence, belief: Belief, j: int, tier: int, settings: AssessSettings) -> list[Reason]:
+    rise, model = settings.health.rises[tier], settings.friction
+    mean, std = belief.change_with_unfound(model)
+    reasons = [NEXT_TIER(tier=TIERS[tier], rise=rise, change=math.expm1(mean[j]), std=std[j])]
+    beside = joint_rise_beside(evidence.beside, evidence.wear, j)
+    if beside.found:
+        reasons.append(beside.finding)
+    if tier > 0:
+        sure = (settings.health.wear_sure, settings.health.limit_sure)[tier - 1]
+        return [*reasons, NOT_SURE(rise=rise, probability=evidence.above[j, tier], required=sure), noise_reason(belief, model, j)]
+    odds = belief.odds_of_rise(model)
+    share = math.log(max(odds.odds[j], 1.0)) / math.log(odds.needed[j])
+    reasons.append(TOO_FEW_ODDS(odds=odds.odds[j], needed=odds.needed[j], share=min(share, 1.0)))
+    if odds.needed[j] > odds.limit:
+        reasons.append(STANDS_OUT(factor=odds.needed[j] / odds.limit, limit=odds.limit))
+    if odds.replays[j] <= model.decision.learning_replays:
+        reasons.append(STILL_LEARNING(replays=int(odds.replays[j]), learning=model.decision.learning_replays + 1))
+    return [*reasons, noise_reason(belief, model, j)]
 
 
 def _unusable_replay(belief: Belief, j: int) -> list[Reason]:
@@ -341,11 +298,3 @@ def _unusable_replay(belief: Belief, j: int) -> list[Reason]:
     if not belief.inside_range[j]:
         return [NEW_TEMPERATURES]
     return []
-
-
-def _too_few_replays(health: Health, j: int, tier: int, settings: HealthSettings) -> list[Reason]:
-    counted = health.joints[j].rising[tier]
-    if counted.replays >= settings.min_replays and counted.days >= settings.min_days:
-        return []
-    required = {"min_replays": settings.min_replays, "min_days": settings.min_days}
-    return [TOO_FEW_REPLAYS(replays=counted.replays, days=counted.days, **required)]

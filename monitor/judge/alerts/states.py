@@ -11,9 +11,11 @@ from monitor.judge.alerts.condition import ArmSituation, JointSituation
 from monitor.judge.alerts.conditions import CONDITIONS, outside_learnt_range
 from monitor.judge.alerts.health import CHECK_FUNCTION, NORMAL, OFF_SPEC, STATES, Alert, Attribution, Health, JointHealth, State
 from monitor.judge.belief import Belief
-from monitor.judge.drift.filter_state import LEVELS, OUTLIER, UNRESOLVED
 from monitor.judge.drift.maintenance import GREASED, MAINTENANCE, OVERHAULED, REPLACED, SERIALS
-from monitor.judge.drift.undetected_change import UnseenStep
+from monitor.judge.drift.step import OUTLIER, UNRESOLVED
+from monitor.judge.friction.figures import UnseenStep, change_found, expected, expected_row
+from monitor.judge.friction.states import LEVEL
+from monitor.judge.friction.step import FrictionModel
 from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence
 from monitor.recording import DAY_S, Array
@@ -21,16 +23,19 @@ from monitor.recording import DAY_S, Array
 KNOWN_VAR = 1.0  # [log²] a level that any replay has taught is far better known, one of no replay far worse
 
 
-def attribute_changes(belief: Belief) -> tuple[Attribution | None, ...]:
+def attribute_changes(belief: Belief, model: FrictionModel) -> tuple[Attribution | None, ...]:
     """The causes of the change of every joint since its first replays; None before there is a change to attribute."""
-    filter_state = belief.filter_state
+    state = belief.friction
     whole = belief.last_log_torque - belief.first_log_torque  # (J,) as all below
     T0 = np.where(np.isfinite(belief.first_temperature_c), belief.first_temperature_c, belief.reference_temperature_c)
     T = np.where(np.isfinite(belief.temperature_c), belief.temperature_c, T0)
     slot = belief.contexts[-1].slot or 0
     now, first = np.full(belief.joints, slot), np.array([_first_slot(belief, j, slot) for j in range(belief.joints)])
-    at_first, at_now, at_last = (filter_state.steady_mean(t, slot) for t, slot in ((T0, first), (T0, now), (T, now)))
-    temperature, payload, wear = at_last - at_now, at_now - at_first, filter_state.change
+    still = np.zeros(belief.joints)
+    at_first, at_now, at_last = (
+        expected(state, expected_row(state, t, still, model, slot))[0] for t, slot in ((T0, first), (T0, now), (T, now))
+    )
+    temperature, payload, wear = at_last - at_now, at_now - at_first, change_found(state)
     parts = np.stack([whole, temperature, payload, wear, whole - temperature - payload - wear], axis=1)  # (J, 5)
     return tuple(Attribution(*of_joint) if math.isfinite(of_joint[0]) else None for of_joint in parts.tolist())
 
@@ -40,11 +45,11 @@ def _first_slot(belief: Belief, j: int, slot: int) -> int:
 
     A level that is not known, as after a replacement, is no reference: the difference to it would be the logarithm of a torque.
     """
-    state = belief.filter_state
+    P, levels = belief.friction.P, belief.friction.x.shape[1] - LEVEL
     known = [
         context
         for context in belief.contexts
-        if context.slot is not None and state.cov[j, LEVELS + context.slot, LEVELS + context.slot] < KNOWN_VAR
+        if context.slot is not None and context.slot < levels and P[0, LEVEL + context.slot, LEVEL + context.slot, j] < KNOWN_VAR
     ]
     return (min(known, key=lambda context: context.opened_at_unix_s).slot or 0) if known else slot
 
@@ -187,7 +192,7 @@ def _of_replay(situation: JointSituation) -> list[StateAndWhy]:
     elif belief.event[j] == UNRESOLVED:
         reasons.append((CHECK_FUNCTION, UNRESOLVED_JOINT))
     if belief.event[j] == OUTLIER:
-        reasons.append((CHECK_FUNCTION, OFF(change=belief.filter_state.innovation[j])))
+        reasons.append((CHECK_FUNCTION, OFF(change=belief.friction.of_joints(belief.friction.innovation)[j])))
     if outside_learnt_range(situation):
         reasons.append((OFF_SPEC, OUTSIDE_RANGE(temperature_c=belief.temperature_c[j])))
     return reasons

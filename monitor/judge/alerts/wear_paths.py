@@ -6,8 +6,8 @@ With z friction over that without wear, and s the usage since the onset of wear,
 
 The shape of g, the onset and the day of the step are on a grid. For each point of it the posterior of (A, S, C) is Gaussian, since z is
 linear in them; the component is weighted by its prior and by its marginal likelihood (O'Hagan, Kendall's Advanced Theory of Statistics 2B,
-ch. 11; the size of the noise is integrated out). Observed are the blocks of `wear_history`, corrected with the temperature law and the
-levels of today. Their noise is the filter's AR(1) process, with the doubt of that law and of the levels of other contexts.
+ch. 11; the size of the noise is integrated out). Observed are the blocks of `monitor.judge.friction.course`, corrected with the law and the
+levels of today. Their noise is that of the kinds that the joint may have, with the doubt of that law and of the levels of other contexts.
 
 Shapes: B blocks, P pairs of a shape and an onset, M components of the mixture.
 """
@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from monitor.judge.drift.filter_state import CURVE, LAG, LEVELS, SLOPE, FilterState
-from monitor.judge.drift.prior import LIFE_RISE, WearPrior
-from monitor.judge.drift.settings import DriftSettings
-from monitor.judge.drift.slots import SLOTS
-from monitor.judge.drift.wear_history import AGE, COUNT, PRODUCTION_AGE, SLOPE_SUM
+from monitor.judge.friction.course import COUNT, DAYS, LAW_SUM, LEVEL_AT, USE, law_states
+from monitor.judge.friction.prior import LIFE_RISE, WearPrior
+from monitor.judge.friction.states import LEVEL, SETTLING, SLOPE
+from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.recording import Array
 
 POWERS = np.array([0.33, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, *[1.0] * 7])  # p of every shape
@@ -48,13 +47,11 @@ STEP_STD = 0.1  # prior of S, a fraction of friction …
 RISE_STD = 0.3  # … of the rise C·g so far …
 LEVEL_STD = 0.5  # … and of A, around 1
 OTHER_LEVEL_STD = 1.0  # [log] of a level in another context than the one in force
-RUNNING_IN_DAYS = (20.0, 60.0)  # friction of a new joint falls with such time constants; a large fall is found, and the history begins anew
-SLOW_DAYS = 100.0  # [d] correlation time of what friction does beside its wear and its daily noise
-# What friction may do beside its wear and its noise, of which the blocks show which it is: standard deviations, fractions, of a slow course
-# and of each fall of running-in, and prior. Few joints run in when they are taught, and to doubt all of them made every interval a third
-# wider than the joints needed that do not.
-BESIDE = ((0.0, 0.0, 0.8), (0.0, 0.015, 0.12), (0.005, 0.0, 0.04), (0.01, 0.0, 0.02), (0.02, 0.0, 0.02))
-NOISE_BLOCKS = 20.0  # weight of the filter's noise beside the noise that the blocks show
+WITHIN_STD = 0.003  # [log] of a replay, by its fit
+# Prior of running-in beside wear, by `Priors.settling`. Few joints run in when they are taught, and to doubt all of them made every
+# interval a third wider than the joints needed that do not.
+RUNS_IN = 0.12
+NOISE_BLOCKS = 20.0  # weight of the filters' noise beside the noise that the blocks show
 FEWEST_BLOCKS = 8  # fewer show no path …
 LEAST_DAYS = 5.0  # [usual days] … and so does less usage
 KEPT = 0.995  # of the weight; the least likely components are left out
@@ -98,17 +95,17 @@ class WearPaths:
 class _Blocks(NamedTuple):
     """The course of friction of one joint, (B,) each."""
 
-    production_age: Array  # [usual days]
-    age: Array  # [d]
+    use_age: Array  # [usual days]
     width: Array  # [usual days]
-    friction: Array  # z, over the friction that the filter expects without wear
-    cov: Array  # (B, B) of z, without what is slow and without running-in
+    friction: Array  # z, over the friction that the filters expect without wear
+    settling: Array  # of running-in of the usual size
+    cov: Array  # (B, B) of z, without running-in
 
 
-def wear_paths(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> WearPaths | None:
-    """The mixture of joint n, whose context in force has its level in `slot`; None while its history is too short."""
-    blocks = _blocks(state, n, slot, joints_per_arm, settings)
-    return None if blocks is None else _fit(blocks, None if settings.prior is None else settings.prior.wear)
+def wear_paths(course: Array, state: FrictionState, n: int, model: FrictionModel, prior: WearPrior | None = None) -> WearPaths | None:
+    """The mixture of channel n along its course (B, K); None while that is too short. prior : of the fleet."""
+    blocks = _blocks(course, state, n, model)
+    return None if blocks is None else _fit(blocks, prior)
 
 
 def path(shape: np.ndarray, since: Array, s: Array) -> Array:
@@ -135,29 +132,40 @@ def _elasticity(shape: np.ndarray, growth: Array) -> Array:
     return found
 
 
-def _blocks(state: FilterState, n: int, slot: int, joints_per_arm: int, settings: DriftSettings) -> _Blocks | None:
-    """The blocks of joint n, corrected; None where there are too few."""
-    kept = state.history[n][state.history[n][:, COUNT] > 0]
+def _blocks(course: Array, state: FrictionState, n: int, model: FrictionModel) -> _Blocks | None:
+    """The blocks of channel n, corrected; None where there are too few."""
+    kept = course[course[:, COUNT] > 0]
     if len(kept) < FEWEST_BLOCKS:
         return None
     count = kept[:, COUNT]
     sums = kept / count[:, None]
-    if not sums[:, PRODUCTION_AGE].max() >= LEAST_DAYS:
+    age, use_age, rows = state.age_days[n] - sums[:, DAYS], state.use[n] - sums[:, USE], sums[:, LAW_SUM:-1]
+    if not use_age.max() >= LEAST_DAYS:
         return None
-    law = [SLOPE, CURVE, LAG, *range(LEVELS, LEVELS + SLOTS)]
-    rows = sums[:, SLOPE_SUM:-1]  # (B, 3 + SLOTS)
-    friction = np.exp(sums[:, -1] - rows @ state.mean[n, law])
-    doubt = np.zeros((len(law), len(law)))  # of the law; the level in force is A
-    doubt[:3, :3] = state.cov[n][np.ix_(law[:3], law[:3])]
-    others = np.array([3 + k for k in range(SLOTS) if k != slot])
-    doubt[others, others] = OTHER_LEVEL_STD**2
-    each_rho = state.autocorrelation(joints_per_arm, settings)
-    var, rho = float(state.noise_var(joints_per_arm, settings, each_rho)[n]), float(each_rho[n])
-    V = var * _correlated(count, sums[:, AGE] / float(state.interval_days[n]), rho) + np.diag(settings.between_floor**2 / count)
-    V += rows @ doubt @ rows.T
+    mean, doubt = _law(state, n)
+    settling = SETTLING - SLOPE
+    mean[settling] = doubt[settling] = doubt[:, settling] = 0.0  # the filters have learnt it as if no path were bent
+    friction = np.exp(sums[:, -1] - rows @ mean)
+    interval_days = max(float(np.ptp(age)) / (count.sum() - 0.5 * (count[0] + count[-1])), 1e-3)
+    V = np.diag(WITHIN_STD**2 / count) + rows @ doubt @ rows.T
+    for kind, weight in zip(model.noise.kinds, state.p[:, n] * state.scale[:, n], strict=True):
+        V += weight * _correlated(count, age / interval_days, kind.rho**interval_days)
+        if kind.kappa > 0.0:
+            apart = np.abs(age[:, None] - age)
+            V += weight * kind.kappa**2 * np.exp(-apart / kind.memory_days) * np.cos(2.0 * np.pi * apart / kind.period_days)
     V *= friction[:, None] * friction
-    production_per_replay = sums[-1, PRODUCTION_AGE] / max(sums[-1, AGE], 1e-9) * float(state.interval_days[n])
-    return _Blocks(sums[:, PRODUCTION_AGE], sums[:, AGE], np.maximum(count * production_per_replay, 1e-3), friction, V)
+    width = np.maximum(count * interval_days * use_age[-1] / max(age[-1], 1e-9), 1e-3)
+    return _Blocks(use_age, width, friction, float(np.hypot(*model.states.settling)) * rows[:, settling] * friction, V)
+
+
+def _law(state: FrictionState, n: int) -> tuple[Array, Array]:
+    """Mean and covariance of the states of the law, over kinds of noise. The level in force is A: nothing is unsure of it here."""
+    levels = np.arange(state.x.shape[1] - LEVEL)
+    mean, doubt = state.of_kinds(law_states(len(levels)), n)
+    doubt[LEVEL_AT:] = doubt[:, LEVEL_AT:] = 0.0
+    others = LEVEL_AT + levels[levels != state.slot[n]]
+    doubt[others, others] = OTHER_LEVEL_STD**2
+    return mean, doubt
 
 
 def _correlated(count: Array, age: Array, rho: float) -> Array:
@@ -204,8 +212,8 @@ def _expected(shape: np.ndarray, since: Array, fleet: WearPrior | None) -> list[
 
 
 def _fit(blocks: _Blocks, fleet: WearPrior | None) -> WearPaths:
-    """The mixture over shapes, onsets, steps and what friction does beside its wear."""
-    age, width, oldest = blocks.production_age, blocks.width, float(blocks.production_age.max())
+    """The mixture over shapes, onsets, steps, and whether the joint runs in."""
+    age, width, oldest = blocks.use_age, blocks.width, float(blocks.use_age.max())
     shape = np.repeat(np.arange(len(POWERS)), ONSETS)  # (P,)
     since: Array = np.tile(oldest * (np.arange(ONSETS) + 0.5) / ONSETS, len(POWERS))  # (P,)
     at, of = (np.array(each)[:, None, None] for each in zip(*GAUSS, strict=True))
@@ -213,13 +221,10 @@ def _fit(blocks: _Blocks, fleet: WearPrior | None) -> WearPaths:
     step_age = np.interp(np.arange(STEPS_PER_BLOCK * len(age)) / STEPS_PER_BLOCK, np.arange(len(age)) + 0.5, age)
     stepped = np.clip((step_age - age[:, None]) / width[:, None] + 0.5, 0.0, 1.0)  # (B, steps) share of each block since the step
     columns = np.concatenate([np.ones((len(age), 1)), blocks.friction[:, None] - 1.0, stepped, grown], axis=1)
-    squared = blocks.friction[:, None] * blocks.friction
-    slow = np.exp(-np.abs(blocks.age[:, None] - blocks.age) / SLOW_DAYS) * squared
-    new = np.exp((blocks.age - blocks.age.max()) / np.array(RUNNING_IN_DAYS)[:, None])  # (2, B)
-    running_in = new.T @ new * squared
     parts, courses = [], _expected(shape, since, fleet)
-    for slow_std, running_in_std, probability in BESIDE:
-        root = np.linalg.cholesky(blocks.cov + slow_std**2 * slow + running_in_std**2 * running_in)
+    running_in = np.outer(blocks.settling, blocks.settling)
+    for beside, probability in ((0.0, 1.0 - RUNS_IN), (running_in, RUNS_IN)):
+        root = np.linalg.cholesky(blocks.cov + beside)
         white = scipy.linalg.solve_triangular(root, columns, lower=True)
         for expected in courses:
             mean, cov, evidence = _with_steps(white, stepped.shape[1], STRAIGHT[shape], expected.rise)
@@ -254,7 +259,7 @@ def _with_steps(white: Array, steps: int, straight: np.ndarray, rise: tuple[Arra
 def _regressions(one: Array, z: Array, steps: Array, paths: Array, rise: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
     """Mean, covariance and log evidence of (A − 1, S, C·g) for each step with each path: (K, P, …).
 
-    one, z, steps, paths : (B,), (B,), (B, K), (B, P) columns and observation, whitened with the filter's noise. rise : as in `_Expected`.
+    one, z, steps, paths : (B,), (B,), (B, K), (B, P) columns and observation, whitened with the filters' noise. rise : as in `_Expected`.
     """
     K, P = steps.shape[1], paths.shape[1]
     X, b = np.zeros((K, P, 3, 3)), np.zeros((K, P, 3))  # the information and what it points to

@@ -4,27 +4,19 @@ A joint that was replaced is another joint: everything that was learnt of it beg
 one, but its friction may have moved either way: its wear is uncertain for a moment, while the level that wear counts from, the temperature
 law and the noise stay as they are. The next replays show where friction is, and by that the maintenance is judged (`settle`). Where it
 moved, that becomes the new reference; where a worn joint is as worn as before, nothing is forgotten.
-
-Shapes: N joints.
 """
 
 import math
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from monitor.judge.drift.filter_state import SLOPE, SLOPE_CHANGE, WEAR, FilterState
-from monitor.judge.drift.reference import forget
-from monitor.judge.drift.update.lowest_level import begin_here
+from monitor.judge.friction.figures import found_wear
+from monitor.judge.friction.step import FrictionState
 from monitor.reason import Reason, Sentence, together
-from monitor.recording import Array
 
 REPLACED, OVERHAULED, GREASED = "replaced", "overhauled", "greased"  # a person names the joint and the kind
 MAINTENANCE, SERIALS = "maintenance", "joint_serials"  # a declaration that changed: which joints it was is not known
 PERSONAL = (REPLACED, OVERHAULED, GREASED)
 NEW_JOINT, NEW_REFERENCE, UNCHANGED, STILL_WORN = "new_joint", "new_reference", "unchanged", "still_worn"  # outcomes
-MAINTENANCE_STD = 0.5  # [log] maintenance changes friction by so much: a worn joint of +60 % that is as new again is one of these
 RECOVERED = 0.5  # of the wear before: a worn joint with more left is still worn
 MOVED_SIGMAS, LEAST_MOVED = 2.0, 0.01  # [σ], [log] a smaller change is none
 KNOWN_STD = 0.04  # [log] of wear, from which maintenance can be judged
@@ -93,55 +85,20 @@ class Maintenance(NamedTuple):
         return together(DONE(act=ACTS[self.kind](joint=self.joint, at_unix_s=self.at_unix_s, by=by)), self.meaning)
 
 
-def may_have_moved(state: FilterState, awaiting_proof: np.ndarray) -> FilterState:
-    """The state where maintenance may have moved the friction of the joints in `awaiting_proof` (N,) either way, their levels being as
-    they were.
-
-    Candidates of a sudden change are dropped: this is one that is known. New grease has another viscosity, so the slope is less certain.
-    """
-    cov = state.cov.copy()
-    n = np.flatnonzero(awaiting_proof)
-    cov[n, WEAR, WEAR] += MAINTENANCE_STD**2
-    cov[n, SLOPE, SLOPE] += (SLOPE_CHANGE * state.mean[n, SLOPE]) ** 2
-    dropped: dict[str, Any] = {}
-    for name in ("responses", "glr_scores", "raw_glr_scores", "glr_informations", "gate_run"):
-        dropped[name] = getattr(state, name).copy()
-        dropped[name][n] = 0.0
-    return replace(
-        state,
-        cov=cov,
-        residual=np.where(awaiting_proof, np.nan, state.residual),
-        agreeing=np.where(awaiting_proof, 1.0, state.agreeing),
-        **dropped,
-    )
-
-
-def new_reference(state: FilterState, which: np.ndarray, replays: Array, rate_std_per_day: float) -> FilterState:
-    """The state with wear counted from the present level in the joints of `which` (N,), known from `replays` (N,) since the maintenance.
-
-    The joint is young again: a slow fall of its first months is running-in.
-    """
-    fresh = begin_here(state, which, rate_std_per_day)
-    return replace(
-        fresh,
-        counted_from=forget(state.counted_from, which),
-        replays=np.where(which, np.maximum(replays, 1.0), state.replays),
-        agreeing=np.where(which, 1.0, state.agreeing),
-    )
-
-
 def count_replay(act: Maintenance, day: int) -> Maintenance:
     """The maintenance with one more replay that was learnt from."""
     return act._replace(replays=act.replays + 1, days=act.days + (day != act.last_day), last_day=day)
 
 
-def judged(act: Maintenance, state: FilterState, *, least_replays: int, least_days: int, worn: float) -> Maintenance:
-    """The maintenance with its outcome, where the replays since then suffice for one.
+def judged(act: Maintenance, state: FrictionState, *, least_replays: int, least_days: int, worn: float) -> Maintenance:
+    """The maintenance with its outcome, where the replays since then suffice for one. state : of one arm.
 
     worn : [log] wear from which a joint is worn, so that maintenance has something to prove.
     """
     j = act.joint - 1
-    wear, std, change = float(state.wear[j]), float(state.wear_std[j]), float(state.change[j]) - act.change_before
+    of_wear, of_std = found_wear(state)
+    wear, std, moved_before = float(of_wear[j]), float(of_std[j]), float(state.of_joints(state.moved)[j])
+    change = wear + moved_before - act.change_before
     if act.replays < least_replays or act.days < least_days or (std > KNOWN_STD and act.replays < MOST_REPLAYS):
         return act
     if std > KNOWN_STD:
@@ -152,6 +109,6 @@ def judged(act: Maintenance, state: FilterState, *, least_replays: int, least_da
         recovered = moved and (wear <= RECOVERED * act.wear_before or wear < worn)
         outcome = NEW_REFERENCE if recovered else STILL_WORN if named or moved else UNCHANGED
     else:
-        fallen_before = float(state.counted_from.fallen[j]) < -LEAST_MOVED
+        fallen_before = moved_before < -LEAST_MOVED
         outcome = NEW_REFERENCE if named or moved or fallen_before else UNCHANGED
     return act._replace(outcome=outcome, change=math.expm1(change), change_std=math.exp(change) * std)

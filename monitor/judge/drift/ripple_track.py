@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from monitor.identify.signals.ripple import Ripple
-from monitor.judge.drift.kalman import predict, update
+from monitor.judge.friction.kalman import predict, update
 from monitor.recording import Array
 
 WALK_PER_ROOT_DAY = 0.01  # of the amplitude, by which it may walk in a day: a tenth in a season

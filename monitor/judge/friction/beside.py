@@ -9,13 +9,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from monitor.judge.drift.channels import CHANNELS, channel_values
-from monitor.judge.drift.observation import Observation
 from monitor.judge.friction.changes import ChangePriors
 from monitor.judge.friction.decision import DecisionSettings
 from monitor.judge.friction.noise import Kind, NoisePriors
+from monitor.judge.friction.observation import Observation
 from monitor.judge.friction.states import Priors
 from monitor.judge.friction.step import FrictionModel
+from monitor.recording import Array
 
 KINDS = (
     *(Kind(rho, steady_replays=100.0, arm_steady_replays=15.0, weight=0.25) for rho in (0.0, 0.45, 0.75)),
@@ -28,18 +28,38 @@ NOISE_STD: Mapping[str, float] = {"contrast": 0.1, "slow": 0.02, "fast": 0.02, "
 
 
 def model_beside(series: str) -> FrictionModel:
-    """The model of one of `CHANNELS`."""
+    """The model of one of the series, by its name in `LEAST`."""
     least = LEAST[series]
-    states = Priors(slope_per_k=(0.0, 0.005, 0.0), curve_per_k2=(0.0, 5e-5), settling=least)
-    changes = ChangePriors(steps_std=(2.0 * least, 5.0 * least), rate_std=5.0 * least / 365.0, bank=8)
+    states = Priors(slope_per_k=(0.0, 0.005, 0.0), curve_per_k2=(0.0, 5e-5), settling=(0.0, least))
+    changes = ChangePriors(steps_std=(2.0 * least, 5.0 * least), rates_std=(5.0 * least / 365.0, 50.0 * least / 365.0))
     decision = DecisionSettings(false_alarms_per_year=0.05, least=least)
-    return FrictionModel(states=states, noise=NoisePriors(kinds=KINDS, std=NOISE_STD[series]), changes=changes, decision=decision)
+    noise = NoisePriors(kinds=KINDS, std=NOISE_STD[series])
+    return FrictionModel(states=states, noise=noise, changes=changes, decision=decision, keeps_course=False, by_filterpy=False)
+
+
+def values_beside(seen: Observation) -> dict[str, Array]:
+    """(N,) each series of a replay [log]; NaN where a figure is missing or no friction."""
+    N = len(seen.log_torque)
+
+    def log(value: Array) -> Array:
+        positive = np.isfinite(value) & (value > 0)
+        return np.where(positive, np.log(np.where(positive, value, 1.0)), np.nan)
+
+    def optional(value: Array) -> Array:
+        return value if np.shape(value) == (N,) else np.full(N, np.nan)
+
+    return {
+        "contrast": log(seen.coulomb_nm) - log(seen.viscous_nm_s_per_rad),
+        "slow": optional(seen.log_torque_slow) - seen.log_torque,
+        "fast": optional(seen.log_torque_fast) - seen.log_torque,
+        "residual": log(optional(seen.residual_rms_nm)),
+        "noise": log(optional(seen.current_noise_a)),
+    }
 
 
 def observations_beside(seen: Observation) -> dict[str, Observation]:
     """The replay as the model sees each series that somebody measured."""
     N = len(seen.log_torque)
-    each = dict(zip(CHANNELS, channel_values(seen), strict=True))
     one, nothing = np.ones(N), np.zeros(N)
     return {
         name: Observation(
@@ -51,6 +71,6 @@ def observations_beside(seen: Observation) -> dict[str, Observation]:
             coulomb_nm=one,
             viscous_nm_s_per_rad=one,
         )
-        for name, values in each.items()
+        for name, values in values_beside(seen).items()
         if np.isfinite(values).any()
     }

@@ -1,14 +1,16 @@
 """Changes: wear that jumps, or begins to grow, at any replay; their size is integrated out.
 
-A candidate c is a replay and a sort: a small or a large step of wear, or a new rate, each N(0, V). The filter of a kind of noise assumes
-that nothing changes. B_c = ∂(truth − estimate)/∂size follows the filter's own recursion, so with g = H·B_c, innovations e of variance S:
+A candidate c is a replay and a sort: a small or a large step of wear, or a slow or a fast new rate, each N(0, V). The filter of a kind of
+noise assumes that nothing changes. B_c = ∂(truth − estimate)/∂size follows the filter's own recursion, so with g = H·B_c, innovations e of
+variance S:
 
     r = Σ w·g·e/S,   I = Σ g²/S,   W = Σ w·g²/S,
     LR_c = (1 + V·I)^−½·(1 + r²/(I + 1/V)/ν)^((ν+1)/2),   size | c ~ N(r·v, v),   v = 1/(W + 1/V)
 
 w is Huber's weight of an innovation, 1 where it is no outlier: outliers prove little, and leave the size open. ν is the number of replays
-that σ is known from; LR → exp(½r²/(I + 1/V))/√(1 + V·I). This is the likelihood ratio of Willsky and Jones (1976) with the
-maximum over the size replaced by its mean over the prior. `bank` candidates are kept; the others are merged with an older neighbour.
+that σ is known from, the arm's other joints among them; LR → exp(½r²/(I + 1/V))/√(1 + V·I). This is the likelihood ratio of Willsky and
+Jones (1976) with the maximum over the size replaced by its mean over the prior. `bank` candidates are kept; the others are merged with an
+older neighbour.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from monitor.judge.friction.states import RATE, WEAR
 from monitor.recording import Array
 
 STEP, NEW_RATE = range(2)
-SHAPES = [STEP, STEP, NEW_RATE]  # of the sorts
+SHAPES = [STEP, STEP, NEW_RATE, NEW_RATE]  # of the sorts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,15 +29,15 @@ class ChangePriors:
     """How large changes are, and how many candidates are kept."""
 
     steps_std: tuple[float, float] = (0.04, 0.15)  # [log] small ones and large ones …
-    rate_std: float = 0.30 / 365.0  # [log/day]
-    shares: tuple[float, float, float] = (0.4, 0.1, 0.5)  # of the sorts
+    rates_std: tuple[float, float] = (0.30 / 365.0, 3.0 / 365.0)  # [log/day] slow ones, and those of a joint that fails within weeks
+    shares: tuple[float, float, float, float] = (0.4, 0.1, 0.4, 0.1)  # of the sorts
     a_year: float = 1.0  # of a joint
     bank: int = 16
 
     @property
     def variances(self) -> Array:
-        """(3, 1) V of the sorts."""
-        return np.array([[self.steps_std[0] ** 2], [self.steps_std[1] ** 2], [self.rate_std**2]], np.float32)
+        """(4, 1) V of the sorts."""
+        return np.array([[std**2] for std in (*self.steps_std, *self.rates_std)], np.float32)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -107,7 +109,7 @@ class Bank:
                 B[i] -= g * gain[h, i]
 
     def evidence(self, replays: Array, priors: ChangePriors) -> Array:
-        """(H, C, 3, N) log of days·LR of each candidate, by sort. replays : (N,) ν."""
+        """(H, C, 4, N) log of days·LR of each candidate, by sort. replays : (N,) ν."""
         V, r = priors.variances, self.r[:, :, SHAPES]
         precision = self.I[:, :, SHAPES] + 1.0 / V
         nu = np.maximum(replays, 1.0).astype(np.float32)
@@ -116,8 +118,21 @@ class Bank:
         together: Array = evidence + days.astype(np.float32)
         return together
 
+    def shares(self, replays: Array, priors: ChangePriors) -> tuple[Array, Array]:
+        """Odds of a change against none (H, N), and the probability of each candidate given that one is true (H, C, 4, N).
+
+        Which one it is, W tells: r and W are what replays weigh, as least squares with these weights see them. I counts an outlier in full,
+        so that to it a large step looks as well like a small one, an earlier one, or a fast rate.
+        """
+        odds = priors.a_year / 365.0 * np.exp(np.minimum(self.evidence(replays, priors).astype(float), 80.0)).sum(axis=(1, 2))
+        V, r, W = priors.variances, self.r[:, :, SHAPES], self.W[:, :, SHAPES]
+        of = np.log(np.maximum(self.days, 1e-30))[:, None] + np.log(np.array(priors.shares))[:, None]
+        fit = 0.5 * r**2 / (W + 1.0 / V) - 0.5 * np.log1p(V * W) + of
+        share = np.exp(fit - fit.max(axis=(1, 2), keepdims=True)).astype(float)
+        return odds, share / share.sum(axis=(1, 2), keepdims=True)
+
     def sizes(self, priors: ChangePriors) -> tuple[Array, Array]:
-        """Mean and variance of each candidate's size, (H, C, 3, N) each."""
+        """Mean and variance of each candidate's size, (H, C, 4, N) each."""
         v = 1.0 / (self.W[:, :, SHAPES] + 1.0 / priors.variances)
         return self.r[:, :, SHAPES] * v, v
 
@@ -128,9 +143,9 @@ class Bank:
         return self.r[h, c, shape, n] * v, v
 
     def effect_now(self, use: Array) -> Array:
-        """(C, 3, N) wear by now of a unit change. use : (N,) usual days so far."""
+        """(C, 4, N) wear by now of a unit change. use : (N,) usual days so far."""
         lasted = np.maximum(use - self.born_use, 1e-3)
-        return np.stack([np.ones_like(lasted), np.ones_like(lasted), lasted], axis=1)
+        return np.stack([np.ones_like(lasted), lasted], axis=1)[:, SHAPES]
 
     def of(self, n: np.ndarray) -> "Bank":
         """The candidates of the channels n."""
@@ -146,11 +161,9 @@ def absorb(x: Array, P: Array, log_evidence: Array, bank: Bank, n: np.ndarray, r
     """
     few = bank.of(n)
     size, v = (a.astype(float) for a in few.sizes(priors))
-    lr = few.evidence(replays[n], priors).astype(float)
-    odds = priors.a_year / 365.0 * np.exp(np.minimum(lr, 80.0))
-    total = 1.0 + odds.sum(axis=(1, 2))
-    log_evidence[:, n] += np.log(total)
-    w = odds / total[:, None, None]
+    odds, share = few.shares(replays[n], priors)
+    log_evidence[:, n] += np.log1p(odds)
+    w = share * (odds / (1.0 + odds))[:, None, None]
     B = few.B[:, :, :, SHAPES].astype(float)
     mean = np.einsum("hckn,hdckn->hdn", w * size, B)
     P[..., n] += np.einsum("hckn,hickn,hjckn->hijn", w * (v + size**2), B, B) - mean[:, :, None] * mean[:, None]

@@ -32,6 +32,7 @@ class DecisionSettings:
     learning_replays: int = 10  # before so many nothing is told
     chance: float = 0.75  # power of what chance did, as a multiple of the arm's age, which R is on average …
     chance_days: float = 60.0  # … of arms that are younger, as a multiple of this
+    suspicions_per_year: float = 30.0  # of an arm, by the bound, that ask for a replay and tell nothing
     forgotten_days: float = 365.0  # in which what chance did counts e times less
 
     def limits(self, joints_per_arm: int) -> Array:
@@ -40,18 +41,24 @@ class DecisionSettings:
         limits: Array = 365.0 * (joints_per_arm + 1) / (self.false_alarms_per_year * share)
         return limits
 
+    def suspicious(self, joints_per_arm: int) -> float:
+        """R from which a change is likely enough to be looked at, and not to be told [days]."""
+        return 365.0 * joints_per_arm / self.suspicions_per_year
+
     def by_chance(self, peaks: Array, counted: np.ndarray, age: Array) -> Array:
         """(2, A, J) factors of A: what chance did to an arm, which is more than A allows for where its noise has no name in the model.
 
         peaks : (2, A, J) highest R of rises and of falls that were not told. counted : (A, J) joints that are not known to be worn.
         age : of them [days]. A change is to stand out from the other joints' changes of its sign, and from those of the other sign, the
-        joint's own among them.
+        joint's own among them. One other joint may rise as well: two that one blow has worn must not hide each other.
         """
         shown = np.where(counted, peaks, 0.0)
-        order = np.sort(np.concatenate([np.zeros_like(shown[..., :1]), shown], axis=2), axis=2)
-        most = order[..., -1:]
-        others = np.where(shown == most, order[..., -2:-1], most)
-        factors: Array = np.maximum(np.maximum(others, most[::-1]) / np.maximum(age, self.chance_days), 1.0) ** self.chance
+        order = np.sort(np.concatenate([np.zeros((*shown.shape[:2], 2)), shown], axis=2), axis=2)[..., ::-1]  # the highest first
+        k = np.array([1, 0])[:, None, None]  # of others' rises, and of their falls, so many do not count
+        least = np.take_along_axis(order, np.broadcast_to(k, order[..., :1].shape), axis=2)
+        beyond = np.take_along_axis(order, np.broadcast_to(k + 1, order[..., :1].shape), axis=2)
+        others = np.where(shown >= least, beyond, least)  # without the joint itself
+        factors: Array = np.maximum(np.maximum(others, order[::-1, :, :1]) / np.maximum(age, self.chance_days), 1.0) ** self.chance
         return factors
 
     def needed(self, peaks: Array, counted: np.ndarray, joints_per_arm: int, age: Array) -> Array:
@@ -114,9 +121,10 @@ def crossings(
     half = 0.5 * np.abs(change[:, J:])  # of the mean's change
     shared = ((part >= half).sum(axis=1) >= settings.most * of) & (of > 2)
     one = half <= part / np.maximum(of, 1)[:, None]  # this joint accounts for the mean's change
-    common = crossed & (R[..., J] >= R[..., :J].max(axis=2)) & shared
-    own = (reached[..., :J] >= A) & (~shared[:, None] | (R[..., :J] > R[..., J:]))
+    common = crossed & shared
+    beyond = part >= 2.0 * np.abs(change[:, J:])  # as much again as all have
+    apart = ~shared[:, None] | beyond | ((R[..., :J] > R[..., J:]) & ~common.any(axis=0)[:, None])
+    own = (reached[..., :J] >= A) & apart
     own |= (reached[..., J:] >= A) & one & ~shared[:, None] & (of > 2)[:, None]
-    own &= ~common.any(axis=0)[:, None]
     joints = np.concatenate([own, np.zeros_like(own[..., :1])], axis=2).reshape(2, -1)
     return Crossing(joints[0], joints[1], common)

@@ -30,8 +30,9 @@ def remember_found(
 ) -> None:
     """The channels n have changed, in place. R, needed : (2, N); p : (H, N) of the kinds of noise; age_days : (N,)."""
     few = bank.of(n)
-    weight = p[:, None, None, n] * np.exp(np.minimum(few.evidence(replays[n], priors), 80.0))
-    of_start, of_sort = weight.sum(axis=(0, 2)), weight.sum(axis=(0, 1))  # (C, n), (3, n)
+    odds, share = few.shares(replays[n], priors)
+    weight = share * (p[:, n] * odds)[:, None, None]
+    of_start, of_sort = weight.sum(axis=(0, 2)), weight.sum(axis=(0, 1))  # (C, n), (4, n)
     total = of_start.sum(axis=0)
     ago = age_days[n] - few.born_days
     mean = (of_start * ago).sum(axis=0) / total

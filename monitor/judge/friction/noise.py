@@ -49,6 +49,7 @@ class NoisePriors:
     )
     std: float = 0.02  # [log] of innovations of ρ 0.5 …
     std_replays: float = 5.0  # … as if so many replays had shown it
+    alike: float = 3.0  # σ of a joint is as sure as if so many times its replays had shown it: its arm's joints are alike
     clip: float = 2.3  # standard deviations beyond which an innovation counts as this
     mixed: float = 0.02  # probability that the joints of an arm differ in their noise …
     stranger: float = 1e-3  # … and that one of them does, though the others are alike

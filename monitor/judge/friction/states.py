@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.judge.drift.filter_state import saturating
 from monitor.recording import Array
 
 # w [log], ẇ [log/usual day], β [1/K], γ [1/K²], δ [1/K³], λ [1/(K/min)], μ [1/(K²/min)], ζ [log], o [log], u and its quadrature [log];
@@ -36,8 +35,8 @@ class Priors:
     lag_min: tuple[float, float] = (8.0, 16.0)  # of the grease behind the motor, for h, which is about half of Ṫ: mean, standard deviation
     uneven: float = 0.35  # share of the lag's effect that differs from replay to replay: heat has several lags
     extrapolated: float = 1.0  # share of it by which the steady state is unsure
-    settling: float = 0.05  # [log] running-in …
-    settling_days: float = 30.0  # … is over within some such times
+    settling: tuple[float, float] = (0.03, 0.025)  # [log] by which running-in lowers friction: mean, standard deviation …
+    settling_days: float = 30.0  # … and in which it is e times less
     context_std: float = 1.0  # [log] by which the level of another context differs
     work_std: float = 0.5  # [log] by which work on a joint may move its friction: one of +60 % that is as new again is one of these
     other_grease: float = 0.15  # share of the slope by which that of another grease differs
@@ -48,6 +47,13 @@ class Priors:
 
 
 VOGEL_C = 95.0
+FAST_K_PER_MIN = 0.1  # Ṫ at which h is half of Ṫ: heat nodes of lags of 3 to 30 min leave alike much of F there and at twice that
+
+
+def saturating(warming_k_per_min: Array) -> Array:
+    """h(Ṫ) [K/min] at warming rates (N,): odd, so that the noise of a rate about zero cancels."""
+    slowed: Array = warming_k_per_min / (1.0 + np.abs(warming_k_per_min) / FAST_K_PER_MIN)
+    return slowed
 
 
 def viscous_distance(temperature_c: Array, origin_c: Array) -> Array:
@@ -77,7 +83,7 @@ def prior_of_states(level: Array, share: Array, levels: int, priors: Priors) -> 
     P[CUBE, CUBE] = priors.cube_per_k3**2
     P[LAG, LAG] = (per_k * share * priors.lag_min[1]) ** 2
     P[COLD_LAG, COLD_LAG] = P[LAG, LAG] * priors.cold_lag_per_k**2
-    P[SETTLING, SETTLING] = priors.settling**2
+    x[SETTLING], P[SETTLING, SETTLING] = priors.settling[0], priors.settling[1] ** 2
     return x, P
 
 

@@ -25,6 +25,7 @@ from monitor.recording import Array
 if TYPE_CHECKING:
     from monitor.identify.identification import Identification
     from monitor.judge.belief import Belief
+    from monitor.judge.friction.step import FrictionModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,10 +106,12 @@ def model_from_document(document: Any) -> CompensatedModel:
 # --- Identification and belief after one replay → the temperature-compensated torque model --------------
 
 
-def build_model(identification: "Identification", belief: "Belief", *, coulomb: Line, viscous: Line) -> CompensatedModel:
+def build_model(
+    identification: "Identification", belief: "Belief", model: "FrictionModel", *, coulomb: Line, viscous: Line
+) -> CompensatedModel:
     """The model after a replay: the rigid part comes from the identification, the friction from the belief.
 
-    coulomb, viscous : fc(T) and fv(T) of the belief, from `Belief.lines`.
+    model : of friction, for the doubt of changes that were not found. coulomb, viscous : fc(T) and fv(T) of `Belief.lines`.
     """
     rigid = ~np.isin(identification.columns, np.concatenate(friction_columns(belief.joints)))  # (B,)
     residual = identification.residual_friction
@@ -124,8 +127,8 @@ def build_model(identification: "Identification", belief: "Belief", *, coulomb: 
         coulomb=coulomb,
         viscous=viscous,
         friction_correlation=_friction_correlation(identification),
-        wear=belief.filter_state.change,  # the laws are those of the beginning
-        wear_std=belief.wear_std,
+        wear=belief.change,  # the laws are those of the beginning
+        wear_std=belief.change_with_unfound(model)[1],
         residual_rms_nm=residual_rms_nm,
         residual_friction=_residual_friction(identification),
         error_rms_nm=error_nm,

@@ -9,15 +9,18 @@ from monitor.acquire.schedule.windows import ScheduleSettings
 from monitor.judge.alerts.health import Health, health_from_document
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import plain, typed
-from monitor.judge.drift.suspicion import doubted_rise
+from monitor.judge.friction.figures import suspected_rise
+from monitor.judge.friction.step import FrictionModel
 from monitor.judge.production_observation import ProductionObservation
 from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay, worded
 from monitor.publish.timestamps import utc, utc_if
 from monitor.reason import Reason, Sentence
+from monitor.recording import DAY_S
 from monitor.service.history.assess_and_store import EstimatorState
 from monitor.store.history.production import DayOfProduction
 from monitor.store.store import Store
 
+PRODUCTION_TELLS_DAYS = 7.0  # since production told of a joint: from then on replays alone tell of it
 NOT_NEEDED = Sentence("not_needed", "not needed before {day:day} ({why})")
 
 
@@ -27,7 +30,10 @@ def told(store: Store | None, belief: Belief | None, health: Health | None) -> T
         return Told(began_unix_s=None if store is None else store.ledger.began_unix_s())
     joints = tuple(-math.inf if joint.learnt_at_unix_s is None else joint.learnt_at_unix_s for joint in health.joints)
     asks, suspects = ((), ()) if belief.production is None else (belief.production.asks, belief.production.suspects)
-    doubted = tuple(int(j) + 1 for j in np.flatnonzero(doubted_rise(belief.filter_state)))
+    alone = np.ones(belief.joints, dtype=bool)  # joints of which replays alone tell
+    if belief.production is not None:
+        alone = ~(belief.at_unix_s - belief.production.learnt_at_unix_s <= PRODUCTION_TELLS_DAYS * DAY_S)
+    doubted = tuple(int(j) + 1 for j in np.flatnonzero(suspected_rise(belief.friction, FrictionModel()) & alone))
     return Told(store.ledger.began_unix_s(), store.ledger.learnt_at_unix_s(), joints, asks, suspects, doubted)
 
 
@@ -64,9 +70,7 @@ def from_production_document(store: Store, state: EstimatorState, schedule: Sche
     if newest is None or belief is None or belief.production is None:
         return None
     _, seen = newest
-    history, sources = belief.production, belief.filter_state.sources
-    replays = np.zeros(belief.joints) if sources is None else sources.number
-    periods = np.zeros(belief.joints) if sources is None else sources.other_number
+    history, replays, periods = belief.production, belief.learnt_replays, belief.friction.of_joints(belief.friction.periods)
     return FromProduction(
         period_began_at=utc(seen.begin_unix_s),
         period_ended_at=utc(seen.end_unix_s),

@@ -17,7 +17,7 @@ from monitor.judge.assess import Rejected, model_after
 from monitor.judge.assessment import Assessment
 from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.document import typed
-from monitor.judge.drift.prior import FleetPrior, prior_from_plain
+from monitor.judge.friction.prior import FleetPrior, prior_from_plain
 from monitor.judge.production import ProductionAssessment, assess_production
 from monitor.judge.production_observation import ProductionObservation
 from monitor.judge.settings import AssessSettings
@@ -309,9 +309,7 @@ def judge_day(day: DayOfProduction, belief: Belief, health: Health, settings: As
         typed(Context, day.context, where="context"),
         belief=belief,
         health=health,
-        settings=settings.drift,
-        laws=settings.temperature,
-        limits=settings.health,
+        settings=settings,
     )
 
 

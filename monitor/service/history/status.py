@@ -13,7 +13,7 @@ from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
-from monitor.judge.belief import belief_from_document
+from monitor.judge.belief import belief_from_document, learnt_replays_of
 from monitor.judge.torque.model import model_from_document
 from monitor.publish.documents import Alert, as_json, made, worded_json
 from monitor.publish.health_document import health_document
@@ -48,8 +48,8 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
         maintenance = [as_json(row_document(row)) for row in store.maintenance.rows() if row.in_force][-MAINTENANCE_SHOWN:]
-        if state is not None and (replays := state.belief.get("filter_state", {}).get("replays")):
-            newest = [friction_known(row, replays[row["joint"] - 1]) for row in newest]
+        if state is not None and (replays := learnt_replays_of(state.belief)) is not None:
+            newest = [friction_known(row, float(replays[row["joint"] - 1])) for row in newest]
         recorded = {replay: at for replay, _, at, _ in store.assessments.friction_of(sorted({row["replay"] for row in newest}))}
         ledger = store.ledger.rows(limit=LEDGER_ROWS)
         tries, borrows = store.ledger.tries(ledger), store.borrows.of(ledger)
@@ -157,4 +157,4 @@ def _reasons(state: StoredState | None, joint: int, configuration: Configuration
     health = health_from_document(state.health)
     if joint > len(health.joints):
         raise BadInput(f"--why {joint}: the arm has {len(health.joints)} joints")
-    return [each.document() for each in why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess.health)]
+    return [each.document() for each in why_not_alerting(health, belief_from_document(state.belief), joint, configuration.assess)]

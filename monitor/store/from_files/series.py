@@ -156,7 +156,6 @@ def assess_series(series: Series) -> dict[str, Any]:
     if last is None:
         reasons = "; ".join(f"{row['file']}: {row['reason']['text']}" for row in files)
         raise BadInput(f"assess: no recording could be judged: {reasons}")
-    health = series.settings.health
     return {
         "robot": last.robot,
         "recordings": files,
@@ -164,7 +163,10 @@ def assess_series(series: Series) -> dict[str, Any]:
         "why": {"arm": last.health.why.document(), "joints": [joint.why.document() for joint in last.health.joints]},
         "alerts": list(alerts.values()),
         "not_alerting": [
-            {"joint": joint.joint, "reasons": [each.document() for each in why_not_alerting(last.health, last.belief, joint.joint, health)]}
+            {
+                "joint": joint.joint,
+                "reasons": [each.document() for each in why_not_alerting(last.health, last.belief, joint.joint, series.settings)],
+            }
             for joint in last.health.joints
         ],
         "temperature": plain(last.temperature),

@@ -21,7 +21,7 @@ from monitor.config.load import from_document
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, ReplayAborted, RobotUnreachable
 from monitor.identify.quality import quality_problem
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.settings import DriftSettings
 from monitor.model.fourier import Excitation
 from monitor.reason import Reason
 from monitor.recording import Array, Context, Recording

@@ -188,8 +188,8 @@ class AmendAnew:
         kept = row.document
         act = Maintenance(kept["joint"], kept["kind"], kept["at_unix_s"], kept["declared_at_unix_s"], kept["by"], kept["why"])
         settings = settings_with(self._store.assessments.provenance(self._made_with)["settings"], self._changes)
-        begun, maintenance = begin_maintenance(state.belief, (act,))
-        after = with_new_joints(begun, maintenance, settings.drift, settings.temperature)
+        begun, maintenance = begin_maintenance(state.belief, (act,), settings)
+        after = with_new_joints(begun, maintenance, settings)
         serviced = declare(state.health, maintenance, change.at_unix_s)
         self._say(serviced.transitions)
         return EstimatorState(belief=after, health=serviced.health)
@@ -394,7 +394,7 @@ class _Tracks:
         """One more replay."""
         self.count += 1
         self._at.append(outcome.recorded_at_unix_s)
-        self._wear.append(np.expm1(outcome.belief.wear_with_undetected(outcome.drift)[0]).tolist())
+        self._wear.append(np.expm1(outcome.belief.change_with_unfound(outcome.settings.friction)[0]).tolist())
 
     def thinned(self) -> dict[str, Any]:
         """Times and wear of each joint, `MOST_POINTS` replays at most."""

@@ -18,7 +18,7 @@ from monitor.config.sections import Mistake, nearest, of_key, of_section, read_s
 from monitor.config.sources import Source
 from monitor.errors import ArchiveConflict, ArchiveUnavailable, BadInput, StoreError
 from monitor.judge.document import plain
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.settings import DriftSettings
 from monitor.judge.settings import AssessSettings
 from monitor.service.history.recompute import settings_from_document
 from monitor.store.archive.archive import Archive, split_address

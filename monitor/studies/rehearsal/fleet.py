@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.observation import Observation
 from monitor.judge.drift.undeclared import RigidFit
+from monitor.judge.friction.observation import Observation
 from monitor.model.robot import Robot, load_robot
 from monitor.recording import Array
 from monitor.simulate.arm.friction import FrictionLaw, default_law

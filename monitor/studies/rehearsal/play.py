@@ -3,25 +3,24 @@
 The learning days at the beginning are left out of every figure but `Played.early`.
 """
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from monitor.judge.alerts.evidence import Evidence, nothing_counted, wear_of_state, weigh_evidence
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.alerts.evidence import Evidence, weigh_evidence
 from monitor.judge.drift.slots import SLOTS
 from monitor.judge.drift.step import DriftState, Replay, StepResult, initial_state, step
 from monitor.judge.drift.undeclared import Weights, declares_level, weigh
-from monitor.judge.drift.undetected_change import undetected_change
+from monitor.judge.friction.figures import expected, expected_row
+from monitor.judge.friction.step import FrictionModel
 from monitor.judge.settings import AssessSettings, HealthSettings
 from monitor.recording import DAY_S, Array
-from monitor.studies.figures import NINETY
 from monitor.studies.rehearsal.fleet import SCENARIOS, Day, Fleet, FleetSettings, Wear
 
 LEARNING_DAYS = 60
+COVERAGE_EVERY = 5  # replays: an interval takes longer than a step; and no weekday is always left out
 COMPARABLE = tuple(name for name in SCENARIOS if name not in {"holidays", "payload_swaps"})
 """Scenarios with a replay on every day against one baseline: there, a delay in days is a delay in replays."""
 TIERS = 3  # advisory, wear, limit
@@ -104,7 +103,7 @@ def play(
     state: DriftState | None = None
     early = np.zeros(A * J + A, dtype=bool)
     tiers, falling, common = [Episodes(A * J) for _ in range(TIERS)], Episodes(A * J), Episodes(A)
-    coverage, slope = Coverage(fleet, assess.drift), _Slope(fleet)
+    coverage, slope = Coverage(fleet, assess.friction), _Slope(fleet, assess.friction)
     for judged in judged_days(fleet, settings.days, assess):
         day, now, evidence, state = judged.number, judged.now, judged.evidence, judged.result.state
         if day < learning:
@@ -148,11 +147,11 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
     """A fleet's days, judged by the daemon's own functions in turn. count_use : whether revolutions are counted."""
     A, J = fleet.arms, fleet.joints
     state: DriftState | None = None
-    counts, last, weighed = nothing_counted(A * J, A), np.zeros(A), Weighed(A)
+    last, weighed = np.zeros(A), Weighed(A)
     for number in range(days * fleet.replays_a_day):
         day, now = number / fleet.replays_a_day, fleet.morning(number)
         if state is None:
-            state = initial_state(now.seen, J, assess.drift, assess.temperature)
+            state = initial_state(now.seen, J, assess)
         weights = weighed.weigh(now, day, assess.health)
         replay = Replay(
             observation=now.seen,
@@ -161,16 +160,12 @@ def judged_days(fleet: LivingFleet, days: int, assess: AssessSettings, *, count_
             slot=weights.slot,
             opened=weights.opened & (day > 0),  # the initial state knows no level yet
             undeclared=weights.withheld,
-            same_mass=weights.same_mass,
             revolutions=now.revolutions.ravel() if count_use else None,
         )
         last = np.where(now.replayed, day, last)
-        result = step(state, replay, assess.drift, assess.temperature)
+        result = step(state, replay, assess, in_place=True)
         state = result.state
-        usable = state.filter_state.learnt_from & result.inside_range
-        evidence = weigh_evidence(wear_of_state(state.filter_state, usable, math.floor(day)), counts, J, assess.health)
-        counts = evidence.counts
-        yield JudgedDay(number, day, now, result, evidence, weights.contradicted)
+        yield JudgedDay(number, day, now, result, weigh_evidence(state, assess.health), weights.contradicted)
 
 
 class _WeighedDay(NamedTuple):
@@ -180,7 +175,6 @@ class _WeighedDay(NamedTuple):
     withheld: np.ndarray  # whether nothing is learnt of the replay
     slot: np.ndarray  # of the level that the replay belongs to
     opened: np.ndarray  # whether that level begins
-    same_mass: np.ndarray  # whether they exclude a mass that friction shows
 
 
 class Weighed:
@@ -193,10 +187,10 @@ class Weighed:
     def weigh(self, now: Day, day: float, health: HealthSettings) -> _WeighedDay:
         """What the weights of a morning's replays contradict, and the level that each replay belongs to."""
         A, sigma, mass_kg = len(now.replayed), health.contradiction_sigma, health.contradiction_kg
-        contradicted, withheld, same_mass = np.zeros((3, A), dtype=bool)
+        contradicted, withheld = np.zeros((2, A), dtype=bool)
         opened = now.opened.copy()
         if now.rigid is None:
-            return _WeighedDay(contradicted, withheld, now.slot, opened, same_mass)
+            return _WeighedDay(contradicted, withheld, now.slot, opened)
         slot = self._slots[np.arange(A), now.slot]
         for arm in np.flatnonzero(now.replayed).tolist():
             fit, weights, own = now.rigid[arm], self._weights[arm], SLOTS - 1 - now.slot[arm]
@@ -208,18 +202,19 @@ class Weighed:
                 opened[arm] = not same
                 weights = Weights(level.estimate) if same and level is not None else Weights()
             self._weights[arm], found = weigh(weights, fit, day * DAY_S, sigma=sigma, mass_kg=mass_kg)
-            contradicted[arm], withheld[arm], same_mass[arm] = found.condition is not None, found.withheld, found.same_mass
+            contradicted[arm], withheld[arm] = found.condition is not None, found.withheld
             if found.own_level:
                 slot[arm], opened[arm] = own, found.begins
-        return _WeighedDay(contradicted, withheld, slot, opened, same_mass)
+        return _WeighedDay(contradicted, withheld, slot, opened)
 
 
-def interval_holds(truth: Array, state: DriftState, drift: DriftSettings) -> np.ndarray:
-    """(N,) whether the 90 % interval of log friction at T0 holds the truth (N,); undetected changes belong to the interval."""
-    joints, T0, slot = state.filter_state, state.reference_temperature_c, state.slot
-    mean, std = joints.reference(T0, slot)
-    more, more_var = undetected_change(joints, joints.reference_row(T0, slot), drift)
-    inside: np.ndarray = np.abs(truth - mean - more) < NINETY * np.sqrt(std**2 + more_var)
+def interval_holds(truth: Array, state: DriftState, model: FrictionModel) -> np.ndarray:
+    """(N,) whether the 90 % interval of log friction at T0 holds the truth (N,): quantiles of the mixture, unfound changes among it."""
+    friction, J = state.friction, state.joints_per_arm
+    channels = np.zeros((len(truth) // J, J + 1))
+    channels[:, :J] = truth.reshape(-1, J)
+    below = friction.of_joints(friction.friction(friction.reference_c, model).below(channels.ravel()))
+    inside: np.ndarray = (below > 0.05) & (below < 0.95)
     return inside
 
 
@@ -245,15 +240,17 @@ class Episodes:
 class Coverage:
     """How many replays of each arm had a 90 % interval that held the truth: of healthy joints, of worn ones, of these until detected."""
 
-    def __init__(self, fleet: LivingFleet, drift: DriftSettings) -> None:
-        self._fleet, self._drift = fleet, drift
+    def __init__(self, fleet: LivingFleet, model: FrictionModel) -> None:
+        self._fleet, self._model = fleet, model
         self.held, self.of = np.zeros((2, fleet.arms, 3))
 
     def add(self, judged: JudgedDay, undetected: np.ndarray) -> None:
         """One more day. undetected : (A, J) or (A, 1) joints whose wear was not found so far."""
+        if judged.number % COVERAGE_EVERY:
+            return
         shape, state = (self._fleet.arms, self._fleet.joints), judged.result.state
         truth = self._fleet.log_torque_at(judged.number, state.reference_temperature_c.reshape(shape))
-        holds, worn = interval_holds(truth.ravel(), state, self._drift).reshape(shape), judged.now.worn > 0
+        holds, worn = interval_holds(truth.ravel(), state, self._model).reshape(shape), judged.now.worn > 0
         for k, mask in enumerate((~worn, worn, worn & undetected)):
             counted = mask & judged.now.replayed[:, None]
             self.held[:, k] += (holds & counted).sum(axis=1)
@@ -269,15 +266,16 @@ class Coverage:
 class _Slope:
     """What the temperature law leaves of the dependence on temperature: sums of a regression of friction left over on temperature."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet, self._sums = fleet, np.zeros((fleet.arms * fleet.joints, 5))  # n, Σx, Σy, Σx², Σxy
+    def __init__(self, fleet: Fleet, model: FrictionModel) -> None:
+        self._fleet, self._model, self._sums = fleet, model, np.zeros((fleet.arms * fleet.joints, 5))  # n, Σx, Σy, Σx², Σxy
 
     def add(self, now: Day, result: StepResult) -> None:
         """One more day."""
-        state, joints, T = result.state, result.state.filter_state, now.seen.temperature_c
-        # truth at the true temperature, less what the filter expects at the measured one, without its noise
-        left = now.truth.ravel() - joints.reference(np.where(np.isfinite(T), T, joints.origin_c), state.slot)[0]
-        use = joints.learnt_from & np.isfinite(T) & result.inside_range & np.repeat(now.replayed, self._fleet.joints)
+        state, friction, T = result.state, result.state.friction, now.seen.temperature_c
+        # truth at the true temperature, less what is expected at the measured one, without noise
+        H = expected_row(friction, np.where(np.isfinite(T), T, state.reference_temperature_c), np.zeros(len(T)), self._model)
+        left = now.truth.ravel() - expected(friction, H)[0]
+        use = state.learnt_from & np.isfinite(T) & result.inside_range & np.repeat(now.replayed, self._fleet.joints)
         x, y = np.where(use, T - state.reference_temperature_c, 0.0), np.where(use, left, 0.0)
         self._sums += np.stack([use, x, y, x * x, x * y], axis=1)
 

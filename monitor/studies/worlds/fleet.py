@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from monitor.judge.drift.observation import FAST_RAD_S, SLOW_RAD_S, Observation
+from monitor.judge.friction.observation import FAST_RAD_S, SLOW_RAD_S, Observation
 from monitor.recording import Array
 from monitor.studies.rehearsal.fleet import Day
 from monitor.studies.worlds.laws import (

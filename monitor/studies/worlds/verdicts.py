@@ -29,13 +29,13 @@ class Lives:
 
     def add(self, judged: JudgedDay) -> None:
         """One more day."""
-        fleet = self._fleet
+        fleet, assess = self._fleet, self._assess
         due = judged.day >= fleet.onset_day[:, None] + np.array(ASKED_AT) * fleet.unit_days[:, None]
         for arm, k in np.argwhere(self._open & due & judged.now.replayed[:, None]).tolist():
             self._open[arm, k] = False
-            joint = arm * fleet.joints + int(np.argmax(fleet.worn[arm]))
+            joint = arm * (fleet.joints + 1) + int(np.argmax(fleet.worn[arm]))
             left = fleet.onset_day[arm] + fleet.unit_days[arm] - judged.day
-            predicted = remaining_life_of_joint(judged.result.state, joint, self._assess.drift, self._assess.prognosis)
+            predicted = remaining_life_of_joint(judged.result.state.friction, joint, assess.friction, assess.prognosis)
             self.answers.append(LifeAnswer(int(fleet.group[arm]), ASKED_AT[k], predicted, float(left)))
 
 
@@ -69,7 +69,7 @@ def judge_world(fleet: WorldFleet, assess: AssessSettings) -> Verdicts:
     rising, falling, common, payload, no_payload = Episodes(A * J), Episodes(A * J), Episodes(A), Episodes(A), Episodes(A)
     contradicted = np.zeros(A)  # replays in a row
     found, before, wrong = np.full(A, np.inf), np.zeros(A, dtype=bool), np.zeros(A, dtype=bool)
-    coverage = Coverage(fleet, assess.drift)
+    coverage = Coverage(fleet, assess.friction)
     many = fleet.worn.sum(axis=1) >= 3
     previously, lives = np.zeros(A, dtype=bool), Lives(fleet, assess)
     for judged in judged_days(fleet, fleet.days, assess, count_use=False):

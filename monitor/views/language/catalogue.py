@@ -47,7 +47,7 @@ NAMES = (  # how windows, alerts, causes and parts of the monitor are named in d
     N_("the torque is taken"), N_("positions are in degrees"), N_("speeds are in degrees a second"),
     N_("accelerations are in degrees a second squared"), N_("current"), N_("torque"), N_("position"), N_("speed"), N_("acceleration"),
     N_("speed at the start"), N_("acceleration at the start"), N_("elbow"), N_("flange"), N_("TCP"), N_("joint_serials"),
-    N_("emergency_stop"), N_("safeguard_stop"), N_("safety"),
+    N_("emergency_stop"), N_("safeguard_stop"), N_("safety"), N_("all at once"), N_("little by little"),
 )  # fmt: skip
 
 

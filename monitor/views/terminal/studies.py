@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from monitor.judge.drift.prior import LIFE_RISE, SHARES
+from monitor.judge.friction.noise import NoisePriors
+from monitor.judge.friction.prior import LIFE_RISE, SHARES
 from monitor.reason import joint_text
 from monitor.views.terminal.arm import print_not_alerting
 from monitor.views.terminal.figures import number, standard_output, table_of, whole_percent
@@ -160,7 +161,7 @@ def print_prior(document: dict[str, Any], output: Path | None) -> None:
     for model, own in document["models"].items():
         arms = f"{own['arms']} arm{'' if own['arms'] == 1 else 's'}"
         table = table_of(
-            ("joint", "friction [N·m]", "falls [%/K]", "noise [%]", "correlation", "weight"),
+            ("joint", "friction [N·m]", "falls [%/K]", "grease lags [%/(K/min)]"),
             title=f"{model}: {arms}, {own['joint_years']:.1f} joint-years",
         )
         for row in own["joints"]:
@@ -168,11 +169,10 @@ def print_prior(document: dict[str, Any], output: Path | None) -> None:
                 str(row["joint"]),
                 f"{row['friction_nm']:.2f} ± {100 * row['friction_spread']:.0f} %",
                 f"{100 * row['slope_per_k']:.2f} ± {100 * row['slope_std_per_k']:.2f}",
-                f"{100 * row['noise_std']:.1f}",
-                f"{row['noise_correlation']:.2f}",
-                f"{row['noise_replays']:.0f}",
+                f"{100 * row['lag']:.1f} ± {100 * row['lag_std']:.1f}",
             )
         console.print(table)
+        console.print(_noise_line(**own["noise"]), soft_wrap=True, markup=False)
         if (wear := own.get("wear")) is not None:
             paths = ", ".join(f"{100 * wear[name]:.0f} % {name}" for name in SHARES)
             life = f"{whole_percent(LIFE_RISE)} more friction {wear['life_days']:.0f} usual days after it began"
@@ -182,3 +182,11 @@ def print_prior(document: dict[str, Any], output: Path | None) -> None:
         console.print(f"left out: {sentence}", soft_wrap=True, markup=False)
     if output is not None:
         console.print(f'for a new arm, in its configuration: [drift] prior = "{output}"', soft_wrap=True, markup=False)
+
+
+def _noise_line(std: float, weights: list[float]) -> str:
+    """What a fleet says of noise between replays. weights : of the kinds of noise."""
+    kinds = NoisePriors().kinds
+    rho = sum(weight * kind.rho for weight, kind in zip(weights, kinds, strict=True))
+    slow = sum(weight for weight, kind in zip(weights, kinds, strict=True) if kind.kappa > 0.0)
+    return f"noise between replays ± {100 * std:.1f} %, correlation {rho:.2f} a day; {whole_percent(slow)} wander or swing with the year"

@@ -1,23 +1,20 @@
 """What a fleet says of a joint before its first replay: its dependence on temperature and its noise, pooled over arms of its model.
 
 The family's prior of `TemperatureSettings` is wide, because it must hold for every arm. That of a fleet is as wide as its arms differ.
-An arm that is none of them is not held to it: see `contradicts`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from monitor.errors import BadInput
 from monitor.judge.document import typed
-from monitor.judge.drift.noise.chance import GROUPS
+from monitor.judge.friction.noise import NoisePriors
 from monitor.recording import Array
 
-FORMAT, VERSION = "joint-monitor/prior", 1
-CONTRADICTS_SIGMA = 3.0  # [σ] of the prior by which replays have moved the slope: 0.3 % of joints of the fleet itself
-LONGEST_WEIGHT = 60.0  # [replays] most that the fleet's noise counts for: a joint's own two months weigh as much
+FORMAT, VERSION = "joint-monitor/prior", 2
 BOUNDS = {
     "slope_per_k": (-0.1, 0.1),
     "slope_std_per_k": (1e-6, 0.1),
@@ -25,14 +22,10 @@ BOUNDS = {
     "curve_std_per_k2": (1e-8, 0.01),
     "lag": (-1.0, 1.0),
     "lag_std": (1e-6, 1.0),
-    "noise_std": (1e-4, 0.5),
-    "noise_correlation": (0.0, 0.95),
-    "noise_replays": (0.5, LONGEST_WEIGHT),
 }
 SHARES = ("slowing", "straight", "accelerating")
 OF_WEAR = {**dict.fromkeys(SHARES, (1e-4, 1.0)), "life_days": (1.0, 1e5), "life_spread": (0.02, 3.0)}
-OF_CHANCE = ("step", "rate")  # what may change
-CHANCE_BOUNDS = (0.2, 50.0)
+NOISE_STD = (1e-4, 0.5)
 LIFE_RISE = 0.3  # of friction, a fraction: `life_days` count to it
 SUM_OF_SHARES = 0.001  # by which the shares of the three families may differ from 1
 
@@ -65,25 +58,14 @@ class FleetPrior:
     curve_std_per_k2: Array = field(compare=False)
     lag: Array = field(compare=False)  # λ [1/(K/min)]
     lag_std: Array = field(compare=False)
-    noise_std: Array = field(compare=False)  # σ of log F between replays, in the long run
-    noise_correlation: Array = field(compare=False)  # ρ of successive replays
-    noise_replays: Array = field(compare=False)  # [replays] weight of the fleet's noise: as many of its own say as much
-    # (2, G) mean χ² of candidate changes in healthy joints, by kind and age: the noise's memory beside its correlation; None: not said
-    chance: Array | None = field(default=None, compare=False)
-    chance_replays: float = 0.0  # [replays] weight of it
+    noise_std: float = field(compare=False)  # of the innovations of log F, as `NoisePriors.std`
+    noise_weights: Array = field(compare=False)  # (H,) of the kinds of noise, in their order
     wear: WearPrior | None = None  # None: too few joints of the fleet wear, or the document is of a release that did not say it
 
-    @property
-    def step_var(self) -> Array:
-        """(J,) γ₁ = σ²(1−ρ): half the mean square difference of successive replays' noise."""
-        var: Array = self.noise_std**2 * (1.0 - self.noise_correlation)
-        return var
-
-    @property
-    def product(self) -> Array:
-        """(J,) c₁ = σ²ρ: mean product of successive replays' noise."""
-        product: Array = self.noise_std**2 * self.noise_correlation
-        return product
+    def noise(self, priors: NoisePriors) -> NoisePriors:
+        """The priors with the fleet's noise."""
+        kinds = tuple(kind._replace(weight=float(of)) for kind, of in zip(priors.kinds, self.noise_weights, strict=True))
+        return replace(priors, kinds=kinds, std=self.noise_std)
 
 
 def prior_from_document(document: Any, model: str, joints: int, reference_speed_rad_s: float, *, digest: str) -> FleetPrior:
@@ -111,9 +93,9 @@ def prior_from_document(document: Any, model: str, joints: int, reference_speed_
     if not isinstance(arms, int) or isinstance(arms, bool) or arms < 1:
         raise BadInput(f"models.{model}.arms = {arms!r}; expected their number")
     columns = {name: _column(rows, name, model) for name in BOUNDS}
-    chance, replays = _chance(own.get("chance"), f"models.{model}.chance")
+    std, weights = _noise(own.get("noise"), f"models.{model}.noise")
     wear = _wear(own.get("wear"), f"models.{model}.wear")
-    return FleetPrior(model=model, arms=arms, digest=digest, chance=chance, chance_replays=replays, wear=wear, **columns)
+    return FleetPrior(model=model, arms=arms, digest=digest, noise_std=std, noise_weights=weights, wear=wear, **columns)
 
 
 def prior_from_plain(document: Mapping[str, Any]) -> FleetPrior:
@@ -121,15 +103,16 @@ def prior_from_plain(document: Mapping[str, Any]) -> FleetPrior:
     return typed(FleetPrior, document, where="fleet prior")
 
 
-def _chance(document: Any, where: str) -> tuple[Array | None, float]:
-    """The noise's memory, and its weight. Raises BadInput naming the figure that is missing or out of bounds."""
-    if document is None:
-        return None, 0.0
-    rows = [row for kind in OF_CHANCE if isinstance(row := document.get(kind), list)] if isinstance(document, dict) else []
-    if len(rows) < len(OF_CHANCE) or not all(len(row) == GROUPS for row in rows):
-        raise BadInput(f"{where}: expected a JSON object with replays, and with {GROUPS} numbers each of {' and '.join(OF_CHANCE)}")
-    each = [[_number(value, CHANCE_BOUNDS, f"{where}.{kind}") for value in row] for kind, row in zip(OF_CHANCE, rows, strict=True)]
-    return np.array(each), _number(document.get("replays"), (0.0, LONGEST_WEIGHT), f"{where}: replays")
+def _noise(document: Any, where: str) -> tuple[float, Array]:
+    """Size and weights of the kinds of noise. Raises BadInput naming the figure that is missing or out of bounds."""
+    rows = document.get("weights") if isinstance(document, dict) else None
+    kinds = len(NoisePriors().kinds)
+    if not isinstance(rows, list) or len(rows) != kinds:
+        raise BadInput(f"{where}: expected a JSON object with std, and with {kinds} weights, one a kind of noise")
+    weights = np.array([_number(value, (0.0, 1.0), f"{where}.weights") for value in rows])
+    if abs(weights.sum() - 1.0) > SUM_OF_SHARES:
+        raise BadInput(f"{where}.weights: expected numbers that make 1 together")
+    return _number(document.get("std"), NOISE_STD, f"{where}: std"), weights
 
 
 def _wear(document: Any, where: str) -> WearPrior | None:
@@ -157,16 +140,3 @@ def _column(rows: list[Mapping[str, Any]], name: str, model: str) -> Array:
     return np.array(
         [_number(row.get(name), BOUNDS[name], f"models.{model}.joints, joint {j}: {name}") for j, row in enumerate(rows, start=1)]
     )
-
-
-def contradicts(slope: Array, slope_var: Array, prior: FleetPrior) -> np.ndarray:
-    """(N,) whether the replays of a joint have moved its slope further from the prior than joints of the fleet are moved.
-
-    slope, slope_var : (N,) of the filter, N joints of whole arms. Where the prior is true, its mean and the estimate differ by a variance
-    of s₀² − s²: what the replays have told so far. A variance above the prior's says that the prior was given up before.
-    """
-    arms = len(slope) // len(prior.slope_per_k)
-    mean, std = np.tile(prior.slope_per_k, arms), np.tile(prior.slope_std_per_k, arms)
-    told: Array = np.maximum(std**2 - slope_var, 0.0)
-    far: np.ndarray = np.abs(slope - mean) > CONTRADICTS_SIGMA * np.sqrt(told)
-    return far & (told > 0.1 * std**2)

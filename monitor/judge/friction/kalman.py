@@ -1,4 +1,4 @@
-"""Predict and update of N Kalman filters of S states, one for each joint, with one scalar measurement each (Särkkä, 2013, ch. 4).
+"""Predict and update of Kalman filters with one scalar measurement each (Särkkä, 2013, ch. 4).
 
 One arm goes through filterpy's `predict` and `update`, a fleet through the same algebra on arrays, which is some hundred times faster. The
 tests compare the two.
@@ -38,6 +38,30 @@ def update(mean: Array, cov: Array, y: Array, R: Array, H: Array) -> tuple[Array
     # (I − KH)·P·(I − KH)ᵀ + K·R·Kᵀ with H of one row, multiplied out: as robust to rounding in K as Joseph's form
     cross = K[:, :, None] * PH[:, None, :]
     return x, cov - cross - np.swapaxes(cross, 1, 2) + (S[:, None] * K)[:, :, None] * K[:, None, :]
+
+
+def update_kinds(x: Array, P: Array, H: Array, y: Array, R: Array, shown: np.ndarray, *, by_filterpy: bool) -> None:
+    """The filters of every kind of noise after y = H·x + noise of variance R, in place.
+
+    x : (K, S, N), P : (K, S, S, N), H : (S, N), y : (N,), R : (K, N); only of the channels `shown` (N,).
+    by_filterpy : whether those of one arm go through filterpy.
+    """
+    if len(shown) > ONE_ARM or not by_filterpy:
+        Ph = np.einsum("kijn,jn->kin", P, H)
+        S = np.einsum("kin,in->kn", Ph, H) + R
+        e = np.where(shown, y, 0.0) - np.einsum("kin,in->kn", x, H)
+        K = Ph / S[:, None] * shown
+        x += K * e[:, None]
+        for k in range(len(P)):
+            P[k] -= K[k][:, None] * Ph[k]
+        return
+    from filterpy.kalman import update as filterpy_update
+
+    for k in range(len(P)):
+        for n in np.flatnonzero(shown):
+            h, z, r = H[None, :, n], np.array([y[n]]), np.array([[R[k, n]]])
+            x[k, :, n], after = filterpy_update(x[k, :, n], P[k, :, :, n], z, r, h)
+            P[k, :, :, n] = symmetric(after)
 
 
 def symmetric(P: Array) -> Array:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from monitor.judge.drift.settings import DriftSettings
+from monitor.judge.friction.settings import DriftSettings
 from monitor.recording import Array
 
 if TYPE_CHECKING:
