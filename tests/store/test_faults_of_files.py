@@ -436,4 +436,5 @@ def test_no_file_of_a_megabyte_takes_half_a_gigabyte_or_ten_seconds(tmp_path, so
         said_by.seek(0)
         assert "Traceback" not in said_by.read()
     assert float((tmp_path / "most").read_text()) * 1024 < MOST_BYTES
-    assert used.ru_utime < MOST_CPU_S
+    files = 2 if command == "listen" else 1  # the replay of the rigid parameters is one more
+    assert used.ru_utime < files * MOST_CPU_S
