@@ -150,7 +150,7 @@ def test_nothing_is_made_of_a_file_that_is_larger_than_itself(tmp_path, sound):
     t_s = whole["timestamp"][0] + np.cumsum(step)
     uneven = pd.DataFrame({name: np.interp(t_s, whole["timestamp"], column) for name, column in whole.items()})
     uneven.assign(timestamp=t_s).pipe(without_speeds).to_csv(tmp_path / "uneven.csv", index=False)
-    with pytest.raises(BadInput, match=r"times are uneven: most rows are 2e-05 s apart|rows are torn"):
+    with pytest.raises(BadInput, match="times are uneven: most rows are 2e-05 s apart"):
         identified(tmp_path / "uneven.csv")
 
 
@@ -436,5 +436,4 @@ def test_no_file_of_a_megabyte_takes_half_a_gigabyte_or_ten_seconds(tmp_path, so
         said_by.seek(0)
         assert "Traceback" not in said_by.read()
     assert float((tmp_path / "most").read_text()) * 1024 < MOST_BYTES
-    files = 2 if command == "listen" else 1  # the replay of the rigid parameters is one more
-    assert used.ru_utime < files * MOST_CPU_S
+    assert used.ru_utime < MOST_CPU_S

@@ -176,7 +176,7 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
                 put_right("t_s", 1.0 / per_second, f"time is in {unit}")
                 tick, found = tick / per_second, found._replace(value=found.value * per_second)
                 break
-    elif (likely := _unit_of_time(q, tick)) is not None:
+    elif (likely := _unit_of_time(q, tick, longest=max(float(np.quantile(step, 0.9)), tick) if len(step) else tick)) is not None:
         put_right("t_s", 1.0 / UNITS_OF_TIME[likely], f"time is in {likely}")
         tick /= UNITS_OF_TIME[likely]
     if len(step) and not said and np.all(step == 1.0):
@@ -213,10 +213,11 @@ def _units(recording: Recording, seen: Windows | None) -> _Units:
     return _Units(factors, tuple(said), clock_factor)
 
 
-def _unit_of_time(q: Array, tick: float) -> str | None:
+def _unit_of_time(q: Array, tick: float, *, longest: float) -> str | None:
     """The unit in which the times have a rate at which arms are logged, and the positions change as fast as arms move; None: seconds.
 
-    tick : of the rows, in the unit of the file; 1 may be a count. For recordings without speeds, which would tell the unit.
+    tick : of the rows, and longest of nine steps in ten, in the unit of the file; 1 may be a count. For recordings without speeds, which
+    would tell the unit.
     """
     if not tick > 0.0 or tick == 1.0 or LOGGED_HZ[0] <= 1.0 / tick <= LOGGED_HZ[1]:
         return None
@@ -226,7 +227,8 @@ def _unit_of_time(q: Array, tick: float) -> str | None:
     if LOGGED_HZ[0] <= 1.0 / tick <= NO_RATE_HZ and np.all(change / tick < fastest):
         return None
     for unit, per_second in UNITS_OF_TIME.items():
-        if LOGGED_HZ[0] <= per_second / tick <= LOGGED_HZ[1] and np.all(change / tick * per_second < fastest):
+        logged = LOGGED_HZ[0] <= per_second / tick <= LOGGED_HZ[1] and per_second / longest >= LOGGED_HZ[0]
+        if logged and np.all(change / tick * per_second < fastest):
             return unit
     return None
 

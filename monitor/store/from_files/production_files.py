@@ -21,6 +21,7 @@ from monitor.identify.production.information import ProductionInformation
 from monitor.identify.quality import not_of_the_arm, silent_drive
 from monitor.identify.settings import ProductionSettings
 from monitor.identify.signals.arm import refuse_other_arm, refuse_twice
+from monitor.identify.signals.motion import FEWEST_ROWS
 from monitor.identify.signals.rows import HARMLESS, sound_rows
 from monitor.identify.signals.units import in_si
 from monitor.model.robot import Mounting, Robot
@@ -107,6 +108,8 @@ def listen_to_files(
 def _refuse_other_columns(production: ProductionRows, arm: ProductionArm) -> None:
     """Raises BadInput where the first window with enough motion says by itself that it is not what it was given as."""
     for window in windows(production, WINDOW_S):
+        if window.recording.samples < FEWEST_ROWS:
+            continue
         try:
             found = identify([window.recording], arm.robot, arm.mounting, gains=arm.gains)
         except Unidentifiable:
