@@ -24,13 +24,14 @@ from monitor.judge.friction.figures import (
     change_found,
     change_with_unfound,
     found_wear,
+    level_in_force,
     noise_var,
     slope_per_k,
     unseen_step,
     wear_and_rate,
 )
 from monitor.judge.friction.found import Found
-from monitor.judge.friction.states import CUBE, CURVE, LEVEL, SLOPE, viscous_distance
+from monitor.judge.friction.states import CUBE, CURVE, SLOPE, viscous_distance
 from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.friction.stored import state_of
 from monitor.judge.prediction_error import PredictionErrorStatistics
@@ -173,10 +174,9 @@ class Belief:
     def level(self) -> Array:
         """(J,) log friction torque at T0 in the context in force, without wear: the level that wear counts from."""
         state, T0 = self.friction, self.reference_temperature_c
-        levels = state.of_joints((state.p * state.x[:, LEVEL + state.slot, np.arange(len(state.slot))]).sum(axis=0))
         t = viscous_distance(T0, state.of_joints(state.origin_c))
         b, c, d = (state.of_joints((state.p * state.x[:, k]).sum(axis=0)) for k in (SLOPE, CURVE, CUBE))
-        level: Array = levels + b * t + c * t**2 + d * t**3
+        level: Array = level_in_force(state) + b * t + c * t**2 + d * t**3
         return level
 
     def wear_and_rate(self) -> WearAndRate:

@@ -2,58 +2,22 @@
 
 import numpy as np
 import pytest
+from evidence.lived import J, correlated, flicker
+from evidence.lived import lived as lived_by_fleet
 
-from monitor.judge.alerts.evidence import weigh_evidence
-from monitor.judge.drift.step import DriftState, Replay, initial_state, step
+from monitor.judge.drift.step import DriftState
 from monitor.judge.friction.figures import found_wear, likeliest_kind, noise_correlation, noise_var
-from monitor.judge.friction.observation import Observation
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 
-J = 6
 SETTINGS = AssessSettings()
 MODEL = SETTINGS.friction
 
 
-def correlated(rng: np.random.Generator, days: int, joints: int, *, std: float, rho: float | Array, shocks: Array | None = None) -> Array:
-    """(days, joints) noise with correlation ρ from replay to replay."""
-    new = rng.normal(size=(days, joints)) if shocks is None else shocks
-    noise = new.copy()
-    for day in range(1, days):
-        noise[day] = rho * noise[day - 1] + np.sqrt(1.0 - rho**2) * new[day]
-    return std * noise
-
-
-def flicker(rng: np.random.Generator, days: int, joints: int) -> Array:
-    """(days, joints) noise with a spectrum of 1/f and a standard deviation of 2 %; it ends where it began."""
-    f = np.fft.rfftfreq(days)
-    f[0] = np.inf
-    wave = (rng.normal(size=(len(f), joints)) + 1j * rng.normal(size=(len(f), joints))) / np.sqrt(f)[:, None]
-    noise = np.fft.irfft(wave, days, axis=0)
-    scaled: Array = 0.02 * noise / noise.std(axis=0)
-    return scaled
-
-
 def lived(log_torque: Array, learning: int = 60) -> tuple[DriftState, np.ndarray]:
     """The state after daily replays (days, N) at one temperature, and which joints had a tier or fell after `learning` days."""
-    N = log_torque.shape[1]
-    state, alerted = None, np.zeros(N, dtype=bool)
-    for day, y in enumerate(log_torque):
-        seen = Observation(
-            log_torque=2.0 + y,
-            variance=np.full(N, 0.005**2),
-            temperature_c=np.full(N, 30.0) + 0.1 * np.sin(day),
-            viscous_share=np.full(N, 0.4),
-            warming_k_per_min=np.zeros(N),
-            coulomb_nm=0.6 * np.exp(2.0 + y),
-            viscous_nm_s_per_rad=np.exp(2.0 + y),
-        )
-        state = state or initial_state(seen, J, SETTINGS)
-        state = step(state, Replay(observation=seen, days=np.full(N // J, float(day > 0))), SETTINGS, in_place=True).state
-        evidence = weigh_evidence(state, SETTINGS.health)
-        alerted |= (day >= learning) & ((evidence.raises >= 0) | evidence.falls)
-    assert state is not None
-    return state, alerted
+    whole = lived_by_fleet(log_torque)
+    return whole.state, whole.told(slice(learning, None)).ravel()
 
 
 @pytest.mark.slow

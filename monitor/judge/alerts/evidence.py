@@ -16,9 +16,10 @@ import scipy
 from monitor.identify.settings import PLACE_RAD
 from monitor.judge.drift.step import DriftState
 from monitor.judge.friction.beside import model_beside
-from monitor.judge.friction.figures import fallen, found_wear, wear_above
+from monitor.judge.friction.figures import fallen, found_wear, level_in_force, wear_above
 from monitor.judge.friction.observation import FAST_RAD_S, SLOW_RAD_S
-from monitor.judge.friction.states import LEVEL, WEAR
+from monitor.judge.friction.posterior import over_kinds
+from monitor.judge.friction.states import WEAR
 from monitor.judge.friction.step import FrictionState
 from monitor.judge.settings import HealthSettings
 from monitor.reason import Reason, Sentence, together
@@ -141,10 +142,8 @@ def weigh_evidence(state: DriftState, settings: HealthSettings) -> Evidence:
 
 def _together(friction: FrictionState) -> tuple[Array, Array]:
     """Mean and standard deviation (A,) of what the means of the arms have changed by since the beginning [log], as found."""
-    x, P, p = (friction.of_arms(each) for each in (friction.x[:, WEAR], friction.P[:, WEAR, WEAR], friction.p))
-    mean = (p * x).sum(axis=0)
-    var = (p * (P + (x - mean) ** 2)).sum(axis=0) + friction.of_arms(friction.moved_var)
-    return mean + friction.of_arms(friction.moved), np.sqrt(var)
+    mean, var = over_kinds(friction.p, friction.x[:, WEAR], friction.P[:, WEAR, WEAR])
+    return friction.of_arms(mean + friction.moved), np.sqrt(friction.of_arms(var + friction.moved_var))
 
 
 def raised_by_production(raises: Array) -> Array:
@@ -187,7 +186,8 @@ def rise_beside(state: DriftState) -> RiseBeside | None:
     if not state.beside:
         return None
     found = {name: risen_beside(state, name) for name in ("contrast", "slow", "fast", "residual")}
-    found["residual"] = found["residual"] & ~_maybe_noisier(state)  # that grew because the current is noisier
+    if found["residual"].any():
+        found["residual"] = found["residual"] & ~_maybe_noisier(state)  # that grew because the current is noisier
     shifts = {name: shift_beside(state, name) for name in found}
     largest = _rises(state, found, {name: mean for name, (mean, _) in shifts.items()})
     lower = _rises(state, found, {name: mean - np.copysign(std, mean) for name, (mean, std) in shifts.items()})
@@ -223,11 +223,8 @@ def _tiers_beside(beside: RiseBeside | None, wear: Array, settings: HealthSettin
 
 
 def _level(series: FrictionState | None, joints: int) -> Array:
-    """(N,) of a series in the context in force, without wear [log]."""
-    if series is None:
-        return np.zeros(joints)
-    levels = series.x[:, LEVEL + series.slot, np.arange(len(series.slot))]
-    return series.of_joints((series.p * levels).sum(axis=0))
+    """(N,) of a series in the context in force, without wear [log]; 0 where it was never measured."""
+    return np.zeros(joints) if series is None else level_in_force(series)
 
 
 def _rises(state: DriftState, found: Mapping[str, np.ndarray], shift: Mapping[str, Array]) -> Array:

@@ -320,10 +320,8 @@ def _restated(joint: JointHealth, maintenance: tuple[Maintenance, ...], alerts: 
     own = [act for act in maintenance if act.joint == joint.joint]
     if not own:
         return joint
-    fresh = joint
-    if own[-1].outcome == NEW_JOINT:
-        fresh = replace(
-            JointHealth(joint=joint.joint), learnt_at_unix_s=joint.learnt_at_unix_s, state=joint.state, since_unix_s=joint.since_unix_s
-        )
+    confirmations = () if own[-1].outcome == NEW_JOINT else joint.confirmations
     state, why = joint_of(joint.joint, own[-1].reason, alerts)
-    return replace(fresh, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else at_unix_s)
+    return replace(
+        joint, confirmations=confirmations, state=state, why=why, since_unix_s=joint.since_unix_s if state == joint.state else at_unix_s
+    )

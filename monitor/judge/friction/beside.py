@@ -6,6 +6,7 @@ temperature, only a slope that nobody knows; and there are fewer kinds of noise:
 """
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ LEAST: Mapping[str, float] = {"contrast": 0.2, "slow": 0.06, "fast": 0.06, "resi
 NOISE_STD: Mapping[str, float] = {"contrast": 0.1, "slow": 0.02, "fast": 0.02, "residual": 0.1, "noise": 0.1}  # [log] prior
 
 
+@cache
 def model_beside(series: str) -> FrictionModel:
     """The model of one of the series, by its name in `LEAST`."""
     least = LEAST[series]

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from monitor.judge.friction.changes import STEP
+from monitor.judge.friction.posterior import over_kinds
 from monitor.judge.friction.states import CUBE, CURVE, LAG, LEVEL, RATE, SLOPE, VOGEL_C, WEAR, row, saturating, viscous_distance
 from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.recording import Array
@@ -37,9 +38,8 @@ class UnseenStep(NamedTuple):
 
 def found_wear(state: FrictionState) -> tuple[Array, Array]:
     """Mean and standard deviation of wear [log] over the level that it counts from."""
-    x, P, p = (state.of_joints(each) for each in (state.x[:, WEAR], state.P[:, WEAR, WEAR], state.p))
-    mean = (p * x).sum(axis=0)
-    return mean, np.sqrt((p * (P + (x - mean) ** 2)).sum(axis=0))
+    mean, var = (state.of_joints(each) for each in over_kinds(state.p, state.x[:, WEAR], state.P[:, WEAR, WEAR]))
+    return mean, np.sqrt(var)
 
 
 def wear_above(state: FrictionState, rises: Array) -> Array:
@@ -111,8 +111,15 @@ def expected(state: FrictionState, H: Array) -> tuple[Array, Array]:
     """Mean and variance of H·x as found, H (D, C) of `expected_row`."""
     mean = np.einsum("hdn,dn->hn", state.x, H)
     var = np.einsum("hijn,in,jn->hn", state.P, H, H)
-    of_all = (state.p * mean).sum(axis=0)
-    return state.of_joints(of_all), state.of_joints((state.p * (var + (mean - of_all) ** 2)).sum(axis=0))
+    of_all = over_kinds(state.p, mean, var)
+    return state.of_joints(of_all[0]), state.of_joints(of_all[1])
+
+
+def level_in_force(state: FrictionState) -> Array:
+    """(N,) level of the context in force at the origin, without wear [log]."""
+    levels = state.x[:, LEVEL + state.slot, np.arange(len(state.slot))]
+    level: Array = state.of_joints((state.p * levels).sum(axis=0))
+    return level
 
 
 def noise_var(state: FrictionState, model: FrictionModel) -> Array:

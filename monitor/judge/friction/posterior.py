@@ -22,8 +22,7 @@ class Mixture:
 
     def moments(self) -> tuple[Array, Array]:
         """Mean and variance, (N,) each."""
-        mean = (self.weight * self.mean).sum(axis=0)
-        return mean, (self.weight * (self.var + (self.mean - mean) ** 2)).sum(axis=0)
+        return over_kinds(self.weight, self.mean, self.var)
 
     def below(self, value: Array) -> Array:
         """(N,) probability of less than value (N,)."""
@@ -41,6 +40,12 @@ class Mixture:
             low, high = np.where(under, middle, low), np.where(under, high, middle)
         value: Array = 0.5 * (low + high)
         return value
+
+
+def over_kinds(p: Array, mean: Array, var: Array) -> tuple[Array, Array]:
+    """Mean and variance (…,) of a mixture, over kinds of noise or other components, of (H, …) each."""
+    centre = (p * mean).sum(axis=0)
+    return centre, (p * (var + (mean - centre) ** 2)).sum(axis=0)
 
 
 def mixture(row: Array, x: Array, P: Array, p: Array, bank: Bank, replays: Array, priors: ChangePriors, onsets_per_year: float) -> Mixture:

@@ -25,7 +25,7 @@ from monitor.judge.friction.found import Found, nothing_found, remember_found
 from monitor.judge.friction.kalman import update_kinds
 from monitor.judge.friction.noise import NoisePriors, first_scale, follow_scale, pass_time, prior_by_arm, probabilities
 from monitor.judge.friction.observation import VISCOUS_SHARE, Observation
-from monitor.judge.friction.posterior import Mixture, mixture
+from monitor.judge.friction.posterior import Mixture, mixture, over_kinds
 from monitor.judge.friction.states import (
     LAG,
     LEVEL,
@@ -557,10 +557,8 @@ def _settle_falls(state: FrictionState, shown: np.ndarray) -> None:
     n = np.flatnonzero(state.fell & shown & (state.P[0, WEAR, WEAR] > 0.0))
     if not n.size:
         return
-    p, x = state.p[:, n], state.x[:, WEAR, n]
-    mean = (p * x).sum(axis=0)
-    std = np.sqrt((p * (state.P[:, WEAR, WEAR, n] + (x - mean) ** 2)).sum(axis=0))
-    known = (std <= FALL_KNOWN_STD) | (state.found.ago_days[n] >= FALL_KNOWN_DAYS)
+    mean, var = over_kinds(state.p[:, n], state.x[:, WEAR, n], state.P[:, WEAR, WEAR, n])
+    known = (np.sqrt(var) <= FALL_KNOWN_STD) | (state.found.ago_days[n] >= FALL_KNOWN_DAYS)
     refer(state, n[known & (mean < 0.0)])  # above 0 it is wear that slows down, which is wear still
 
 
@@ -628,9 +626,9 @@ def rescale_use(state: FrictionState, factor: Array) -> None:
 def refer(state: FrictionState, n: np.ndarray) -> None:
     """Wear of the channels n counts from their present level, as after new grease: their fall, its doubt included, is of the level."""
     x, P = state.x[..., n], state.P[..., n]
-    mean = (state.p[:, n] * x[:, WEAR]).sum(axis=0)
+    mean, var = over_kinds(state.p[:, n], x[:, WEAR], P[:, WEAR, WEAR])
     state.moved[n] += mean
-    state.moved_var[n] += (state.p[:, n] * (P[:, WEAR, WEAR] + (x[:, WEAR] - mean) ** 2)).sum(axis=0)
+    state.moved_var[n] += var
     state.held_days[n] = 0.0
     for level in range(LEVEL, x.shape[1]):
         x[:, level] += x[:, WEAR]
