@@ -1,4 +1,4 @@
-"""`python -m tests.evidence.real_arms TABLE…|all`: the tables of docs/real-arms-tables.md, from recordings of real arms that are not ours to ship.
+"""`python -m tests.evidence.real_arms TABLE…|all`: the tables of docs/real-arms-tables.md, from recordings that are not ours to ship.
 
 They are looked for in the folder `JOINT_MONITOR_DATA`, or `../shared/data` beside the checkout; which file is whose is in `ARMS`. What is
 missing is left out and named. What some files need before `identify` reads them is done here, in `put_right`, and stands on the page.
