@@ -76,13 +76,16 @@ def _serve(configuration: "Configuration", now: bool, verbose: bool) -> None:
 
 
 def predict(
-    q: Annotated[str, typer.Option(help=f"Positions [rad]: {FIGURES_HELP}.", show_default=False)],
-    qd: Annotated[str, typer.Option(help=f"Speeds [rad/s]: {FIGURES_HELP}.", show_default=False)],
     config: ConfigOption,
+    q: Annotated[str | None, typer.Option(help=f"Positions [rad]: {FIGURES_HELP}.", show_default=False)] = None,
+    qd: Annotated[str | None, typer.Option(help=f"Speeds [rad/s]: {FIGURES_HELP}.", show_default=False)] = None,
     qdd: Annotated[str | None, typer.Option(help=f"Accelerations [rad/s²]: {FIGURES_HELP}; 0 where not given.", show_default=False)] = None,
     temperature: Annotated[
         str | None, typer.Option(help=f"Joint temperatures [°C]: {FIGURES_HELP}; else the latest.", show_default=False)
     ] = None,
+    compensation: Annotated[
+        bool, typer.Option("--compensation", help="The friction terms of a torque controller instead: fc, fv and wear of each joint.")
+    ] = False,
     local: Annotated[bool, typer.Option("--local", help="Read the history instead of asking the daemon.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -92,21 +95,50 @@ def predict(
     configuration = load_configuration(config)
     joints = configuration.robot_description.joints
     request = {
-        name: figures(text, f"--{name}", joints).tolist()
-        for name, text in (("q", q), ("qd", qd), ("qdd", qdd), ("temperature_c", temperature))
+        name: figures(text, f"--{option}", joints).tolist()
+        for name, option, text in (("q", "q", q), ("qd", "qd", qd), ("qdd", "qdd", qdd), ("temperature_c", "temperature", temperature))
         if text is not None
     }
+    if compensation:
+        _print_compensation(configuration, request, local=local, as_json=as_json)
+        return
+    if q is None or qd is None:
+        raise BadInput("predict: expected --q and --qd, one figure a joint each; or --compensation")
     answer = torque_from_history(configuration, request) if local else _queried_torque(configuration, request)
     if as_json:
         print_json(answer)
         return
     typer.echo("joint  temperature     torque       rigid    friction    std")
     for j in range(joints):
-        flag = "  extrapolated: outside the temperatures seen so far" if answer["extrapolated"][j] else ""
         typer.echo(
             f"{j + 1:>5}  {answer['temperature_c'][j]:8.1f} °C  {answer['torque_nm'][j]:8.2f} Nm {answer['rigid_nm'][j]:8.2f} Nm "
-            f"{answer['friction_nm'][j]:8.2f} Nm {answer['std_nm'][j]:6.2f}{flag}"
+            f"{answer['friction_nm'][j]:8.2f} Nm {answer['std_nm'][j]:6.2f}{EXTRAPOLATED if answer['extrapolated'][j] else ''}"
         )
+
+
+EXTRAPOLATED = "  extrapolated: outside the temperatures seen so far"
+
+
+def _print_compensation(configuration: "Configuration", request: dict[str, Any], *, local: bool, as_json: bool) -> None:
+    """The friction terms of each joint. Raises BadInput where a motion is asked for as well, or a temperature is not known."""
+    from monitor.publish.compensation import compensation_at, model_of
+    from monitor.publish.documents import as_json as json_of
+    from monitor.service.history.status import compensation_from_history
+    from monitor.views.terminal.arm import print_compensation
+
+    if more := sorted(set(request) - {"temperature_c"}):
+        raise BadInput(f"predict: --compensation is of no motion; expected no --{more[0]} beside it")
+    given = request.get("temperature_c")
+    if local:
+        rows = compensation_from_history(configuration, given)
+    else:
+        with client_of(configuration) as client:
+            present = [row.temperature_c for row in client.friction()] if given is None else given
+            rows = compensation_at(model_of(client.model()), present)
+    if as_json:
+        print_json({"joints": [json_of(row) for row in rows]})
+    else:
+        print_compensation(rows)
 
 
 def _queried_torque(configuration: "Configuration", request: dict[str, Any]) -> dict[str, Any]:

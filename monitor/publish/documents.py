@@ -445,6 +445,48 @@ class Model(Document):
     measured_rms_nm: list[Maybe] | None = Field(default=None, description="of single unfiltered samples from it, likewise")
 
 
+class FrictionAt(Document):
+    """Friction of one joint at one temperature, present wear included: it opposes the motion with coulomb·s(q̇) + viscous·q̇."""
+
+    temperature_c: Number
+    coulomb_nm: Maybe = Field(description="null: never resolved")
+    coulomb_std_nm: Maybe
+    viscous_nm_s_per_rad: Maybe
+    viscous_std_nm_s_per_rad: Maybe
+    extrapolated: bool = Field(description="outside the temperatures seen so far: missing")
+    replays: int | None = Field(default=None, description="that were learnt from within 2.5 K of this temperature")
+
+
+class JointWear(Document):
+    """What is the same of a joint at all temperatures."""
+
+    joint: Joint
+    wear: Number = Field(description="fraction of friction torque since the beginning; the terms contain it")
+    wear_std: Number
+    friction_correlation: Maybe = Field(description="of the errors of fc and fv")
+
+
+class JointFrictionAt(JointWear, FrictionAt):
+    """Friction of one joint at its own temperature."""
+
+
+class JointCompensation(JointWear):
+    """Friction of one joint over 0 to 50 °C."""
+
+    by_temperature: list[FrictionAt] = Field(
+        description="every 5 K, the coldest first: a controller interpolates at its joint's temperature"
+    )
+
+
+class Compensation(Document):
+    """Friction of every joint by its temperature, as a torque controller adds it, and which temperatures are known."""
+
+    robot: str
+    at: Time = Field(description="of the last replay")
+    model_revision: int
+    joints: list[JointCompensation]
+
+
 class Torque(Document):
     """Answer to `torque`: joint torque at temperature, its parts and standard deviations, in the shape of the question."""
 

@@ -74,6 +74,7 @@ KINDS: dict[str, DocumentKind] = _entries(
     _entry("event", documents.Event, "event", Delivery.TRANSITION, "At every transition of an alert."),
     _entry("events", documents.Events, "event", _ANSWER, "On a query with the parameter `after`."),
     _entry("model", documents.Model, "model", _LAST, "After every assessed replay."),
+    _entry("compensation", documents.Compensation, "compensation", _LAST, "After every assessed replay."),
     _entry("torque-request", queries.TorqueRequest, "torque", _REQUEST, "When a client asks for torque."),
     _entry("torque", documents.Torque, "torque", _ANSWER, "On a query with a torque-request."),
     _entry("torque-live", documents.TorqueLive, "torque/live", Delivery.STREAM, "While the arm is received, at `[bus] live_rate_hz`."),

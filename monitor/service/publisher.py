@@ -20,6 +20,7 @@ from monitor.judge.document import plain
 from monitor.judge.drift.ripple_track import joint_ripple
 from monitor.publish import documents
 from monitor.publish.bus import Bus
+from monitor.publish.compensation import compensation
 from monitor.publish.documents import Document, made, mended, worded
 from monitor.publish.health_document import health_document
 from monitor.publish.timestamps import outside, utc, utc_if
@@ -146,6 +147,9 @@ class Publisher:
         self.health()
         if self._state.torque_model is not None:
             self._say(documents.Model, self._state.torque_model.as_document())
+            belief = self._state.estimator.belief
+            if belief is not None:
+                self.say(compensation(self._state.torque_model, belief))
         for alert in self._state.alerts.alerts:
             self.alert(alert)
 

@@ -341,6 +341,11 @@ DOCUMENTS: dict[str, tuple[str, ...]] = {  # each kind on the bus (`publish.regi
         "publish/test_serviced.py::test_a_replaced_joint_is_declared_on_the_bus_and_everybody_hears_of_it",
         "publish/test_serviced.py::test_a_greased_joint_waits_for_its_proof",
     ),
+    "compensation": (
+        "publish/test_compensation.py::test_the_terms_are_the_friction_of_the_predicted_torque_with_its_doubt",
+        "publish/test_compensation.py::test_every_replay_counts_at_one_temperature_and_those_without_any_are_extrapolated",
+        "service/test_daemon.py::test_a_replay_is_assessed_published_and_still_known_after_a_restart",
+    ),
     "from-production": (
         "service/test_production_listener.py::test_a_day_of_production_is_judged_after_midnight_and_enters_the_history_with_the_state",
         "publish/test_daemon_on_the_bus.py::test_the_production_residual_is_published_with_health",

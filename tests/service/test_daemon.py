@@ -202,6 +202,7 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
     local = ended("predict", "--config", str(cell.config), *arguments, "--local", "--json")
     assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
+    terms = ended("predict", "--config", str(cell.config), "--compensation", "--local", "--json")
 
     daemon = cell.daemon()
     with cell.client() as client:
@@ -210,6 +211,10 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
         assert loaded(daemon.pid) == {"numpy", "pinocchio"}
         asked = ended("predict", "--config", str(cell.config), *arguments, "--json")
         assert json.loads(asked.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)
+        (published,) = client.documents("compensation")
+        asked = ended("predict", "--config", str(cell.config), "--compensation", "--json")
+        assert json.loads(asked.stdout) == json.loads(terms.stdout)
+        assert [sum(row.replays for row in joint.by_temperature) for joint in published.joints] == [1] * 6
     stop(daemon)
     assert [row.state for row in cell.ledger()] == ["assessed"]
 

@@ -15,7 +15,8 @@ from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document, learnt_replays_of
 from monitor.judge.torque.model import model_from_document
-from monitor.publish.documents import Alert, as_json, made, worded_json
+from monitor.publish.compensation import compensation_at
+from monitor.publish.documents import Alert, JointFrictionAt, as_json, made, worded_json
 from monitor.publish.health_document import health_document
 from monitor.publish.shown import NOTHING_ASSESSED
 from monitor.publish.timestamps import outside, rfc3339
@@ -131,14 +132,24 @@ def torque_from_history(configuration: Configuration, request: dict[str, Any]) -
 
     Raises BadInput where no replay was assessed yet or the query is wrong, StoreError without a history.
     """
+    state, newest_c = _model_and_temperatures(configuration)
+    present_c = None if None in newest_c or not newest_c else np.array(newest_c)
+    return as_json(torque_answer(model_from_document(state.model), configuration.robot_description, present_c, request))
+
+
+def compensation_from_history(configuration: Configuration, temperature_c: Sequence[float] | None) -> list[JointFrictionAt]:
+    """Friction of each joint at J [°C], else at the newest known temperatures. Raises as `torque_from_history`."""
+    state, newest_c = _model_and_temperatures(configuration)
+    return compensation_at(model_from_document(state.model), newest_c if temperature_c is None else temperature_c)
+
+
+def _model_and_temperatures(configuration: Configuration) -> tuple[StoredState, list[float | None]]:
     with Store.reader(configuration.state_directory) as store:
         state = store.assessments.state()
         newest = store.assessments.friction(limit=configuration.robot_description.joints)
     if state is None:
         raise BadInput(f"{configuration.state_directory}: no replay has been assessed yet, so there is no model")
-    temperatures = [row.get("temperature_c") for row in newest]
-    present_c = None if None in temperatures or not newest else np.array(temperatures)
-    return as_json(torque_answer(model_from_document(state.model), configuration.robot_description, present_c, request))
+    return state, [row.get("temperature_c") for row in newest]
 
 
 def _window(row: LedgerRow, tries: Sequence[Try], borrow: Borrow | None) -> dict[str, Any]:

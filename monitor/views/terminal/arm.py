@@ -13,7 +13,7 @@ from rich.text import Text
 from monitor.identify.document import NINETY
 from monitor.judge.alerts.remaining_life import assumptions
 from monitor.judge.alerts.states import unseen_steps
-from monitor.publish.documents import Alert, Health, HistoryRow, read
+from monitor.publish.documents import Alert, Health, HistoryRow, JointFrictionAt, read
 from monitor.publish.shown import arm_shown
 from monitor.publish.timestamps import unix_s
 from monitor.reason import ENGLISH, Reason, Words, joint_name, joint_text, reason_at, reason_from
@@ -21,7 +21,23 @@ from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.history import PERCENT_PER_MONTH
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, local_times, number, pair, remaining_life, standard_output, table_of
 
+COMPENSATION_WIDTH = 90  # characters
 NEWEST = 3  # stops that are printed
+
+
+def print_compensation(rows: Sequence[JointFrictionAt]) -> None:
+    """The friction terms of each joint at one temperature, one line a joint."""
+    table = table_of(("joint", "T [°C]", "fc [Nm]", "fv [Nm·s/rad]", "wear [%]", ""), left=("",))
+    for row in rows:
+        table.add_row(
+            str(row.joint),
+            f"{row.temperature_c:.1f}",
+            pair(row.coulomb_nm, row.coulomb_std_nm),
+            pair(row.viscous_nm_s_per_rad, row.viscous_std_nm_s_per_rad),
+            f"{100 * row.wear:+.1f} ± {100 * row.wear_std:.1f}",
+            "extrapolated" if row.extrapolated else "",
+        )
+    standard_output(width=COMPENSATION_WIDTH).print(table)
 
 
 def inspection_lines(found: Mapping[str, Any] | None) -> list[str]:

@@ -103,6 +103,14 @@ def _model(key: str, document: Document) -> Text:
     return Text(f"{key}  revision {document['revision']} of {document['at']}")
 
 
+def _compensation(key: str, document: Document) -> Text:
+    text = Text(f"{key}  known of 0 to 50 °C:")
+    for joint in document["joints"]:
+        known = [row["temperature_c"] for row in joint["by_temperature"] if not row["extrapolated"]]
+        text.append(f"  J{joint['joint']} ").append(f"{known[0]:.0f}–{known[-1]:.0f}" if known else "none", "" if known else "yellow")
+    return text
+
+
 def _replay(key: str, document: Document) -> Text:
     text = Text(f"{key}  ").append(document["state"], "bold yellow" if document["state"] == "announced" else "")
     if document["state"] == "announced":
@@ -129,6 +137,7 @@ _FORMATS: list[tuple[Callable[[str], bool], Callable[[str, Document], Text]]] = 
     (lambda key: key == "torque/live", _live),
     (lambda key: key == "info", _info),
     (lambda key: key == "model", _model),
+    (lambda key: key == "compensation", _compensation),
     (lambda key: key == "replay", _replay),
     (lambda key: key == "monitor", _monitor),
 ]
