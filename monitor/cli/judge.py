@@ -24,6 +24,7 @@ from monitor.cli.options import (
     print_json,
     refuse_overwriting,
 )
+from monitor.cli.plant import OfPlantOption, plant_database
 from monitor.errors import BadInput
 
 if TYPE_CHECKING:
@@ -243,10 +244,18 @@ def reassess(
         raise typer.Exit(1)
 
 
+def one_of(command: str, places: list[Path] | None, plant: Path | None) -> None:
+    """Raises BadInput unless either folders or a plant are given."""
+    if bool(places) == (plant is not None):
+        raise BadInput(f"{command}: expected either folders of histories, or --plant FILE")
+
+
 def prior(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="FOLDER…", help="State folders of daemons, or a folder of such folders.", show_default=False)
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="[FOLDER…]", help="State folders of daemons, or a folder of such folders.", show_default=False),
+    ] = None,
+    plant: OfPlantOption = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="The prior (.json) for [drift] prior.", show_default=False)] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -260,13 +269,18 @@ def prior(
     from monitor.judge.friction.settings import DriftSettings
     from monitor.judge.temperature.laws import TemperatureSettings
     from monitor.publish.timestamps import rfc3339
-    from monitor.studies.fleet_prior import arms_of, learn_prior
+    from monitor.studies.fleet_prior import arms_of, arms_of_plant, learn_prior
     from monitor.views.terminal.progress import status
     from monitor.views.terminal.studies import print_prior
 
     refuse_overwriting(output, force)
+    one_of("prior", folders, plant)
     with status("reading histories"):
-        arms, silent = arms_of(folders)
+        if plant is None:
+            arms, silent = arms_of(folders or [])
+        else:
+            with plant_database(plant, migrates=False) as database:
+                arms, silent = arms_of_plant(database)
     document = learn_prior(arms, DriftSettings(), TemperatureSettings())
     document = {"made_at": rfc3339(time.time()), "software": f"joint-monitor {__version__}", **document}
     document["learnt_from"]["left_out"] += silent

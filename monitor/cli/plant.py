@@ -22,6 +22,10 @@ PlantOption = Annotated[
     Path | None,
     typer.Option("--config", "-c", help="The plant's file; default plant.toml here, else the service's.", show_default=False),
 ]
+OfPlantOption = Annotated[
+    Path | None,
+    typer.Option("--plant", help="A plant's file instead: its database holds the histories of all its arms.", show_default=False),
+]
 OnlyCheckOption = Annotated[bool, typer.Option("--only-check", help="Read the configuration and run nothing.")]
 SHOWN = 40  # arms that `status` shows; --all shows the rest
 

@@ -8,7 +8,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from monitor.plant.cursor import Cursor, Entry
 from monitor.plant.database import Database
-from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, Said, arm, audit, friction, history, last_value, note, transition
+from monitor.plant.tables import FIGURES, LIFE_FIGURES, At, Said, arm, audit, friction, history, last_value, note, stored, transition
 from monitor.publish.documents import Event, HistoryChange, HistoryRow
 from monitor.reason import Reason, Sentence
 
@@ -40,6 +40,7 @@ class Known(NamedTuple):
     change: Cursor
     newest_replay: int
     events_before: int | None  # the newest transition when the arm was first asked; None: it was not yet
+    stored: int = 0  # number of the newest row of its tables
 
 
 class Flaws(NamedTuple):
@@ -75,14 +76,15 @@ def _row(connection: sa.Connection, site: str, robot: str) -> Known | None:
             history.c.change_mark,
             history.c.newest_replay,
             history.c.events_before,
+            history.c.stored_cursor,
         )
         .join(history, (history.c.arm == arm.c.id) & (history.c.number == arm.c.history))
         .where(arm.c.site == site, arm.c.robot == robot)
     ).one_or_none()
     if found is None:
         return None
-    number, at, identity, event, event_mark, change, change_mark, newest, before = found
-    return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest, before)
+    number, at, identity, event, event_mark, change, change_mark, newest, *rest = found
+    return Known(number, at, identity, Cursor(event, event_mark), Cursor(change, change_mark), newest, *rest)
 
 
 def _begin_histories(
@@ -169,6 +171,24 @@ def add_changes(
             connection.execute(sa.delete(friction).where(of_arm, friction.c.replay.in_(again)))
         if rows:
             connection.execute(sa.insert(friction), rows)
+
+
+def add_stored(database: Database, at: Known, rows: Sequence[tuple[int, str, str, bytes | None]]) -> None:
+    """Rows of the history's own tables, and the cursor after them, in one transaction.
+
+    rows : number, table, name and content of each; None: it is gone. Raises CursorMoved, StoreError.
+    """
+    last = {(table, row): content for _, table, row, content in rows}
+    with database.write() as connection:
+        moved = sa.update(history).where(history.c.arm == at.arm, history.c.number == at.number, history.c.stored_cursor == at.stored)
+        if connection.execute(moved.values(stored_cursor=rows[-1][0])).rowcount != 1:
+            raise CursorMoved
+        of_row = (stored.c.arm == at.arm) & (stored.c.history == at.number) & (stored.c.of_table == sa.bindparam("t"))
+        connection.execute(sa.delete(stored).where(of_row, stored.c.row == sa.bindparam("r")), [{"t": t, "r": r} for t, r in last])
+        of_arm = {"arm": at.arm, "history": at.number}
+        new = [{**of_arm, "of_table": t, "row": r, "content": content} for (t, r), content in last.items() if content is not None]
+        if new:
+            connection.execute(sa.insert(stored), new)
 
 
 def _audit_flaws(connection: sa.Connection, at: Known, flaws: Flaws | None) -> None:

@@ -5,7 +5,9 @@ import itertools
 import logging
 import queue
 import threading
+from base64 import b64decode
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import orjson
@@ -22,6 +24,7 @@ from monitor.plant.ingest import (
     HistoriesWithoutEnd,
     Known,
     add_changes,
+    add_stored,
     add_transitions,
     begin_another_history,
     known,
@@ -76,6 +79,7 @@ def pull(database: Database, way: Way, prefix: str, site: str, robot: str, now: 
         try:
             if not all(_log(database, way, prefix, at, name, f"{site}/{robot}", now) for name in (EVENTS, CHANGES)):
                 continue  # of another history: everything of it is asked for
+            _stored(database, way, prefix, known(database, site, robot, now()))
             return known(database, site, robot, now())
         except CursorMoved:
             continue
@@ -122,6 +126,34 @@ def _log(database: Database, way: Way, prefix: str, at: Known, name: str, robot:
             newest_replay = max([at.newest_replay, *(entry.content.replay for entry in new)])
             at = at._replace(change=found.cursor, newest_replay=newest_replay)
     return True
+
+
+def _stored(database: Database, way: Way, prefix: str, at: Known) -> None:
+    """Copy what is new in the history's own tables; a monitor of an earlier release refuses, and nothing of them is copied.
+
+    Whether it is still the same history, the other logs say. Raises CursorMoved where it became another one in between.
+    """
+    following: int | None = at.stored
+    while following is not None:
+        try:
+            payload = way.ask(f"{prefix}/history?stored_after={at.stored};limit={PAGE}")
+        except BadInput:
+            return
+        except BusError as error:
+            raise CannotCopy(error.reason) from None
+        try:
+            said = read(History, read_document(payload))
+            rows = [(row.seq, row.table, row.row, None if row.content is None else b64decode(row.content)) for row in said.stored]
+        except (BadInput, ValueError) as wrong:
+            raise CannotCopy(ANSWER_UNREADABLE(log="history", why=str(wrong).splitlines()[0])) from None
+        if said.history_id != at.history_id:
+            raise CursorMoved
+        if any(later <= earlier for earlier, later in pairwise([at.stored, *(row[0] for row in rows)])):
+            raise CannotCopy(NOT_IN_ORDER)
+        if not rows:
+            return
+        add_stored(database, at, rows)
+        at, following = at._replace(stored=rows[-1][0]), said.next
 
 
 def _gap(name: str, missing: Sequence[tuple[int, int]]) -> Reason:

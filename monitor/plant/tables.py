@@ -16,6 +16,7 @@ from sqlalchemy import (
     ForeignKey,
     Index,
     Integer,
+    LargeBinary,
     MetaData,
     SmallInteger,
     Table,
@@ -101,6 +102,19 @@ history = Table(  # an arm has another one after each restoration from a backup;
     Column("set_aside", Said),  # how many of its rows cannot be read, and the newest of them; none: all can
     # its newest transition when the plant first asked, 0 of a later history; none: it was not asked yet
     Column("events_before", BigInteger),
+    Column("stored_cursor", BigInteger, nullable=False, server_default="0"),  # of the rows in `stored`
+)
+
+stored = (
+    Table(  # the rows that verdicts follow from, as the arm's own history holds them: what was judged, of what, and with which settings
+        "stored",
+        metadata,
+        Column("arm", BigInteger, primary_key=True, autoincrement=False),
+        Column("history", Integer, primary_key=True, autoincrement=False),
+        Column("of_table", Text, primary_key=True),
+        Column("row", Text, primary_key=True),
+        Column("content", LargeBinary, nullable=False),
+    )
 )
 
 # partitions, a month each, in PostgreSQL; its key holds the time for that reason. The cursor keeps a transition from coming twice
@@ -208,9 +222,10 @@ FROM_ARMS = (
     gateway_cursor,
     friction,
     transition,
+    stored,
     last_value,
     history,
     arm,
 )  # what comes back from the arms; in the order in which it may be deleted
-EVERY_TABLE = (arm, history, transition, friction, last_value, gateway_cursor, audit, delivery, note)  # in the order of filling
+EVERY_TABLE = (arm, history, transition, friction, stored, last_value, gateway_cursor, audit, delivery, note)  # in the order of filling
 NUMBERED = (arm, audit, delivery)  # tables whose rows the database numbers

@@ -546,15 +546,26 @@ def _of(document: object, name: str) -> str:
     return str(document.get(name, "?")) if isinstance(document, Mapping) else "?"
 
 
+class StoredRow(Document):
+    """One row of the tables that a verdict follows from, as the history holds it."""
+
+    seq: Annotated[int, Field(ge=1, description="of its last change, never given out twice")]
+    table: str
+    row: str = Field(description="by which the table knows it")
+    content: str | None = Field(description="its columns as JSON, compressed by zlib, in base64; null: it was taken away")
+
+
 class History(Document):
     """Answer to `history`: rows, oldest first; `next` is the parameter `after` of the next page, null at the end.
 
-    With the parameter `changed_after` it holds no rows but `changes`, and `next` is the parameter `changed_after` of the next page.
+    With the parameter `changed_after` it holds no rows but `changes`, with `stored_after` no rows but `stored`; `next` is then this
+    parameter of the next page.
     """
 
     rows: list[HistoryRow]
     next: int | None
     changes: list[HistoryChange] = Field(default_factory=list, description="oldest first; a replay's rows stand in each of its changes")
+    stored: list[StoredRow] = Field(default_factory=list, description="in the order of their last changes")
     set_aside: list[Said] = Field(default_factory=list, description="which rows of the page are none, and why")
     history_id: str | None = Field(default=None, description="another one means another history, whose numbers mean something else")
 

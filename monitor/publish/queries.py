@@ -110,6 +110,7 @@ class HistoryQuestion(NamedTuple):
     after: int
     limit: int
     changed_after: int | None = None  # the question is for changes after this number, not for a page of rows
+    stored_after: int | None = None  # likewise, for the rows of the history's own tables
 
 
 class EventsQuestion(NamedTuple):
@@ -129,13 +130,15 @@ def request(model: type[Asked], key: str, payload: Mapping[str, Any]) -> Asked:
 
 
 def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuestion:
-    """From selector parameters: joint (1…J), from, to (RFC 3339), after (a replay's number), limit (1…10 000), or changed_after.
+    """From selector parameters: joint (1…J), from, to (RFC 3339), after (a replay's number), limit (1…10 000); changed_after; stored_after.
 
     Raises BadInput naming the parameter, its value and what would be right.
     """
-    _known("history", parameters, {"joint", "from", "to", "after", "limit", "changed_after"})
-    if "changed_after" in parameters and (others := sorted({"joint", "from", "to", "after"} & parameters.keys())):
-        raise BadInput(f"history: changed_after and {others[0]} exclude each other; expected changed_after alone, or with limit")
+    logs = ("changed_after", "stored_after")
+    _known("history", parameters, {"joint", "from", "to", "after", "limit", *logs})
+    for log in logs:
+        if log in parameters and (others := sorted(({"joint", "from", "to", "after", *logs} - {log}) & parameters.keys())):
+            raise BadInput(f"history: {log} and {others[0]} exclude each other; expected {log} alone, or with limit")
     joint = _whole("history", parameters, "joint", 1, joints)
     after, limit = _whole("history", parameters, "after", 0, 2**53), _whole("history", parameters, "limit", 1, MOST_ROWS)
     return HistoryQuestion(
@@ -145,6 +148,7 @@ def history_question(parameters: Mapping[str, str], joints: int) -> HistoryQuest
         after=after or 0,
         limit=1000 if limit is None else limit,
         changed_after=_whole("history", parameters, "changed_after", 0, 2**53),
+        stored_after=_whole("history", parameters, "stored_after", 0, 2**53),
     )
 
 

@@ -1,6 +1,7 @@
 """The answers to queries on the bus: torque, history, transitions, and the commands of people."""
 
 import logging
+from base64 import b64encode
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -72,6 +73,8 @@ class Handlers:
         question = history_question(parameters, self._state.robot.joints)
         if question.changed_after is not None:
             return self._changes(question.changed_after, question.limit)
+        if question.stored_after is not None:
+            return self._stored(question.stored_after, question.limit)
         rows, following = self._store.assessments.history(
             joint=question.joint, from_unix_s=question.from_unix_s, to_unix_s=question.to_unix_s, after=question.after, limit=question.limit
         )
@@ -95,6 +98,16 @@ class Handlers:
             found, aside = documents.rows_of(rows.get(replay, []))
             changes.append(documents.HistoryChange(seq=seq, replay=replay, at=utc(at), rows=found, set_aside=aside))
         return documents.History(rows=[], next=following, changes=changes, history_id=identity)
+
+    def _stored(self, after: int, limit: int) -> documents.History:
+        """One page of rows as they are stored."""
+        identity = self._store.changes.history_id()  # before the rows, as above
+        page, following = self._store.stored.after(after, limit)
+        rows = [
+            documents.StoredRow(seq=seq, table=table, row=row, content=None if content is None else b64encode(content).decode())
+            for seq, table, row, content in page
+        ]
+        return documents.History(rows=[], next=following, stored=rows, history_id=identity)
 
     def events(self, parameters: Mapping[str, Any]) -> documents.Events:
         """The newest transitions after a number, or a page of the oldest ones."""

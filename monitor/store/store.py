@@ -27,6 +27,7 @@ from monitor.store.history.ledger import Borrows, Ledger, RecordingFolder
 from monitor.store.history.maintenance import MaintenanceLog
 from monitor.store.history.motions import HISTORY_RESTORED, FirstPasses, Motions, Stops
 from monitor.store.history.production import ProductionLog
+from monitor.store.stored import StoredLog, keep_log
 
 RESTORED = "restored_unreported"  # name of the note with the outcome of a restoration, until an alert reports it
 STOPS_LOST = Sentence(HISTORY_RESTORED, "{restored}; a stop that waited for a person, or a motion under way, may be lost with it")
@@ -57,6 +58,7 @@ class Store:
         self.assessments = Assessments(self.database)
         self.events = Events(self.database)
         self.changes = Changes(self.database)
+        self.stored = StoredLog(self.database)
         self.maintenance = MaintenanceLog(self.database)
         self.production = ProductionLog(self.database)
         self.duties = Duties(self.database)
@@ -93,6 +95,7 @@ class Store:
                 connection.execute("PRAGMA synchronous = FULL")  # 0.3 ms a commit and a few commits a replay: full durability is cheap
                 connection.execute("PRAGMA foreign_keys = ON")
                 begin_history(connection, directory)
+                keep_log(connection)
             except sqlite3.DatabaseError as error:
                 raise refused_by(error, directory / HISTORY) from None
             store = cls(directory, connection, restored)

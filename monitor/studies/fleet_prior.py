@@ -7,15 +7,17 @@ weight of `FAMILY_ARMS` arms. So few arms say little and stay near the family, a
 Shapes: A arms of one model, J joints.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from monitor.errors import BadInput, MonitorError
+from monitor.errors import BadInput, MonitorError, StoreUnavailable
 from monitor.judge.alerts.wear_paths import FAMILIES, FAMILY_PRIOR, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
+from monitor.judge.belief import Belief, belief_from_document
 from monitor.judge.friction.changes import ChangePriors
 from monitor.judge.friction.figures import wear_and_rate
 from monitor.judge.friction.noise import NoisePriors, noise_of_fleet
@@ -24,10 +26,13 @@ from monitor.judge.friction.settings import DriftSettings
 from monitor.judge.friction.states import CURVE, LAG, LEVEL, SLOPE, Priors
 from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.temperature.laws import TemperatureSettings
+from monitor.plant.database import Database
 from monitor.recording import DAY_S, Array
 from monitor.service.history.assess_and_store import load_state
 from monitor.store.backup import HISTORY
 from monitor.store.store import Store
+from monitor.studies import from_plant
+from monitor.studies.from_plant import PlantArm, belief_of
 
 FAMILY_ARMS = 4.0  # weight of the family's spread between arms, in arms
 BOUND_SIGMA = 2.5  # an arm further away counts as one at this distance: one regreased or broken arm does not widen the prior
@@ -280,7 +285,7 @@ def _wear(states: Sequence[FrictionState]) -> tuple[float, float]:
     return float(began), float(np.sqrt(np.mean(np.square(rates)))) if rates else float("nan")
 
 
-# --- The arms of a fleet, read from their histories. I/O ------------------------------------------------
+# --- The arms of a fleet, read from their histories or from a plant. I/O ------------------------------------------------
 
 
 def arms_of(folders: Sequence[Path]) -> tuple[list[LearntArm], list[str]]:
@@ -288,19 +293,39 @@ def arms_of(folders: Sequence[Path]) -> tuple[list[LearntArm], list[str]]:
 
     Raises BadInput where a folder holds no history.
     """
+
+    def belief(place: Path) -> Belief | None:
+        with Store.reader(place) as store:
+            return load_state(store).belief
+
+    return _learnt((str(place), partial(belief, place)) for place in _histories(folders))
+
+
+def arms_of_plant(database: Database) -> tuple[list[LearntArm], list[str]]:
+    """The arms of a plant, and a sentence for each one that says nothing. Raises StoreError."""
+
+    def belief(arm: PlantArm) -> Belief | None:
+        document = belief_of(database, arm)
+        return None if document is None else belief_from_document(document)
+
+    return _learnt((arm.name, partial(belief, arm)) for arm in from_plant.arms_of_plant(database))
+
+
+def _learnt(places: Iterable[tuple[str, Callable[[], Belief | None]]]) -> tuple[list[LearntArm], list[str]]:
     arms, silent = [], []
-    for place in _histories(folders):
+    for name, read in places:
         try:
-            with Store.reader(place) as store:
-                belief = load_state(store).belief
+            belief = read()
+        except StoreUnavailable:
+            raise
         except MonitorError as error:
-            silent.append(f"{place}: {error}")
+            silent.append(f"{name}: {error}")
             continue
         if belief is None:
-            silent.append(f"{place}: nothing was assessed yet")
+            silent.append(f"{name}: nothing was assessed yet")
             continue
         days = (belief.at_unix_s - belief.began_at_unix_s) / DAY_S
-        arms.append(LearntArm(str(place), belief.robot, belief.friction, days, belief.reference_speed_rad_s))
+        arms.append(LearntArm(name, belief.robot, belief.friction, days, belief.reference_speed_rad_s))
     return arms, silent
 
 

@@ -504,6 +504,8 @@ class PlantOnBus:
             numbers = range(question.changed_after + 1, last + 1)[: max(question.limit // lives.joints, 1)]
             changes = [lives.change(arm, seq) for seq in numbers]
             return {"rows": [], "next": _next(numbers, last), "changes": changes, "history_id": self.history_id(arm)}
+        if question.stored_after is not None:  # no arm of these has tables
+            return {"rows": [], "next": None, "history_id": self.history_id(arm)}
         joints = range(lives.joints) if question.joint is None else [question.joint - 1]
         numbers = range(question.after + 1, last + 1)[: max(question.limit // len(joints), 1)]
         rows = [lives.row(arm, replay, joint) for replay in numbers for joint in joints]

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from heard_documents import whole
 from simulated import ALERT, Way, copied, cursors, refusing
 
-from monitor.errors import BusError, StoreError
+from monitor.errors import BadInput, BusError, StoreError
 from monitor.plant.arm import DOUBLED, GONE, ArmName
 from monitor.plant.backup import forget
 from monitor.plant.cursor import Cursor
@@ -447,7 +447,12 @@ def test_what_an_arm_of_another_release_says_wrongly_is_set_aside_and_the_rest_i
     ]
 
     def after(name, listed):
-        return lambda given: {"next": None, **({name: [each for each in listed if each["seq"] > int(given[PARAMETER[name]])]})}
+        def answer(given):
+            if "stored_after" in given:
+                raise BadInput("history: unknown parameter 'stored_after'")  # as an earlier release says
+            return {"next": None, name: [each for each in listed if each["seq"] > int(given[PARAMETER[name]])]}
+
+        return answer
 
     arm = Way(
         {

@@ -4,6 +4,7 @@ The daemon and `import` both use these functions, and the recomputation repeats 
 is imported where it is made: in the daemon, a process of its own.
 """
 
+import base64
 import hashlib
 import json
 import logging
@@ -12,24 +13,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from monitor.config.schema import Configuration
 from monitor.errors import BadInput
 from monitor.judge.alerts.health import Alert, Health, Transition, alert_document, alert_from_document, health_from_document
 from monitor.judge.belief import Belief, belief_from_document
-from monitor.judge.document import plain
+from monitor.judge.document import plain, typed
 from monitor.judge.drift.maintenance import Maintenance
 from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.model import CompensatedModel, model_from_document
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.torque import sample_var
 from monitor.reason import INTERNAL, Reason, Sentence
-from monitor.recording import Array, Recording
+from monitor.recording import Array, Context, Recording
 from monitor.service.computing import HERE, Compute
+from monitor.store.history.database import packed, unpacked
 from monitor.store.history.events import AlertEvent
 from monitor.store.provenance import provenance
 from monitor.store.store import Store
 
 if TYPE_CHECKING:
+    from monitor.identify.identification import Identification
     from monitor.judge.assess import Rejected
     from monitor.judge.assessment import Assessment, JointFriction
 
@@ -72,6 +77,7 @@ class Verdict:
     sample_var: Array | None  # (J,) what the recording says of the noise of samples, where the model does not
     transitions: tuple[Transition, ...]
     maintenance: tuple[Maintenance, ...]
+    identified: bytes  # see `kept_parts`
 
 
 class Inputs(NamedTuple):
@@ -212,7 +218,39 @@ def _verdict(assessment: "Assessment", recording: Recording, inputs: Inputs) -> 
         sample_var=sample_var(assessment.model, inputs.robot, inputs.gains, recording),
         transitions=assessment.transitions,
         maintenance=assessment.maintenance,
+        identified=kept_parts(assessment.identification, recording),
     )
+
+
+class Kept(NamedTuple):
+    """What a verdict is made of, besides settings and state."""
+
+    identification: "Identification"
+    context: Context
+    quality: dict[str, Any]
+    samples: int
+    source: str
+
+
+def kept_parts(identification: "Identification", recording: Recording) -> bytes:
+    """What a verdict is made of, as a history keeps it: with it, another one is made without the recording."""
+    from monitor.identify.kept import parts_of
+
+    flat: list[Array] = []
+    parts = parts_of(identification, flat)
+    document = {"samples": recording.samples, "source": recording.source, "context": recording.context, "quality": dict(recording.quality)}
+    numbers = np.concatenate([np.ravel(part) for part in flat]).astype("<f8").tobytes()
+    return packed({**plain(document), "identification": plain(parts), "numbers": base64.b64encode(numbers).decode()})
+
+
+def read_parts(kept: bytes) -> Kept:
+    """What `kept_parts` has kept. Raises BadInput where it cannot be read."""
+    from monitor.identify.kept import from_parts
+
+    document = unpacked(kept)
+    numbers = np.frombuffer(base64.b64decode(document["numbers"]), dtype="<f8")
+    context = typed(Context, document["context"], where="context")
+    return Kept(from_parts(document["identification"], numbers), context, document["quality"], document["samples"], document["source"])
 
 
 def enter(store: Store, configuration: Configuration, ledger_id: int, outcome: Verdict | Reason, now: Callable[[], float]) -> HistoryEntry:
@@ -233,6 +271,7 @@ def enter(store: Store, configuration: Configuration, ledger_id: int, outcome: V
         events=[{"kind": transition.kind, **alert_document(transition.alert)} for transition in outcome.transitions],
         made_with=made_with(configuration),
         maintenance=[plain(act) for act in outcome.maintenance],
+        identified=outcome.identified,
     )
     return HistoryEntry(outcome, events)
 

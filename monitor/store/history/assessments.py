@@ -83,10 +83,11 @@ class Assessments:
         events: Sequence[Mapping[str, Any]],
         made_with: Mapping[str, Any] | None = None,
         maintenance: Sequence[Mapping[str, Any]] = (),
+        identified: bytes | None = None,
     ) -> list[AlertEvent]:
         """Store one assessment with everything that follows from it, and its provenance, in one transaction.
 
-        samples_digest : of the recording, by which `replay_of` knows it.
+        samples_digest : of the recording, by which `replay_of` knows it. identified : what the verdict was made of.
         Returns the events with their numbers. Raises StoreError where the replay does not wait for an assessment, or the disk refuses.
         """
         with self._db.transaction() as db:
@@ -108,6 +109,8 @@ class Assessments:
             ((revision,),) = db.execute("SELECT revision FROM state").fetchall()
             if revision % CHECKPOINT_EVERY == 1:
                 db.execute("INSERT INTO checkpoint VALUES (?, ?, ?)", (ledger_id, packed(belief), packed(health)))
+            if identified is not None:
+                db.execute("INSERT INTO identified VALUES (?, ?)", (ledger_id, identified))
             if samples_digest is not None:
                 set_note(db, SAMPLES + samples_digest, str(ledger_id))
             insert_maintenance(db, ledger_id, maintenance)
@@ -159,6 +162,13 @@ class Assessments:
         ((document,),) = self._db.rows("SELECT document FROM provenance WHERE digest = ?", (digest,))
         found: Document = json.loads(document)
         return found
+
+    def identified(self, ledger_id: int) -> bytes | None:
+        """What the verdict of a replay was made of; None where that was not kept."""
+        if not self._db.rows("SELECT 1 FROM sqlite_schema WHERE name = 'identified'"):  # no release that keeps it has written here yet
+            return None
+        rows = self._db.rows("SELECT document FROM identified WHERE ledger_id = ?", (ledger_id,))
+        return bytes(rows[0][0]) if rows else None
 
     def checkpoint(self, ledger_id: int) -> State | None:
         """Belief and health after this assessment; None where they were not kept."""
@@ -242,7 +252,7 @@ class Assessments:
         with self._db.transaction() as db:
             later = [row[0] for row in db.execute("SELECT ledger_id FROM assessment WHERE recorded_at_unix_s > ?", (after_unix_s,))]
             for ledger_id in later:
-                for name in ("friction", "checkpoint", "assessment", "maintenance"):
+                for name in ("friction", "checkpoint", "identified", "assessment", "maintenance"):
                     db.execute(f"DELETE FROM {name} WHERE ledger_id = ?", (ledger_id,))  # noqa: S608 - fixed names
                 db.execute("UPDATE ledger SET state = 'rejected', reason = ? WHERE id = ?", (reason_column(DATED_IN_FUTURE()), ledger_id))
             db.execute("DELETE FROM ledger WHERE state = 'skipped' AND window_unix_s > ?", (after_unix_s,))

@@ -1,0 +1,126 @@
+"""What a plant has copied teaches as much as the arms' own folders: the same bits, whichever database."""
+
+import json
+import sqlite3
+from types import SimpleNamespace
+
+import pytest
+from command_line import ended, printed
+from lived_monitor import configuration, identified, live_through
+from simulated import Way, refusing
+
+from monitor.plant.pull import pull
+from monitor.service.handlers import Handlers
+from monitor.store.store import Store
+from monitor.store.stored import COPIED, keep_log
+from monitor.studies.from_plant import arms_of_plant, history_of
+
+NAMES = ("north/press", "south/saw")
+
+
+def copy(database, folder, names=NAMES):
+    """Copy arms' histories by their own handlers."""
+    for name in names:
+        with Store.open(folder / name) as store:
+            handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=6), store=store), None)
+            way = Way({"history": handlers.history, "event": handlers.events})
+            pull(database, way, f"joint-monitor/v1/{name}", *name.split("/"), lambda: 5.0)
+
+
+def plant_file(folder, address):
+    path = folder / "plant.toml"
+    path.write_text(f'[plant]\ndatabase = "{address}"\n')
+    return path
+
+
+def tables(path):
+    """All rows of the tables that are copied, and friction; of the notes the archive's alone."""
+    with sqlite3.connect(path) as connection:
+        found = {name: connection.execute(f"SELECT * FROM {name} ORDER BY 1, 2").fetchall() for name in (*COPIED, "friction")}
+    found["note"] = [row for row in found["note"] if row[0] == "archive"]
+    found["friction"] = [(*row[:3], json.loads(row[3])) for row in found["friction"]]
+    found["event"] = [row[:4] for row in found["event"]]
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two arms of 46 days; a third one that nothing was learnt of."""
+    settings = configuration(tmp_path).assess
+    for seed, name in enumerate(NAMES):
+        with Store.open(tmp_path / "arms" / name) as store:
+            live_through(store, settings, *identified(), 46, seed=seed)
+    with Store.open(tmp_path / "arms" / "south" / "torch"):
+        pass
+    return tmp_path / "arms"
+
+
+def test_a_prior_of_the_plant_is_that_of_the_folders(folder, database, address, tmp_path):
+    """The same document, but for the names of the arms; an arm that nothing was learnt of is named."""
+    copy(database, folder, (*NAMES, "south/torch"))
+    of_folders = json.loads(printed("prior", folder / "north", folder / "south", "--json"))
+    of_plant = json.loads(printed("prior", "--plant", plant_file(tmp_path, address), "--json"))
+    named = [f"{folder}/{said}" for said in of_plant["learnt_from"].pop("left_out")]
+    assert named == of_folders["learnt_from"].pop("left_out") == [f"{folder}/south/torch: nothing was assessed yet"]
+    assert of_plant.pop("made_at") >= of_folders.pop("made_at")
+    assert of_plant == of_folders
+    both = ended("prior", folder, "--plant", tmp_path / "plant.toml")
+    assert (both.returncode, "either folders of histories, or --plant FILE" in both.stderr) == (2, True)
+
+
+def test_a_copied_history_is_made_anew_to_the_last_bit(folder, database, tmp_path):
+    """Of everything that a verdict follows from; also what changes and goes after it was copied once."""
+    copy(database, folder)
+    with Store.open(folder / "north" / "press") as store:
+        store.assessments.roll_back(store.assessments.judged()[-3].recorded_at_unix_s, None)
+        store.notes.set("archive", json.dumps({"address": "s3://bucket/arms"}))
+        store.notes.set("arm_serial", "of no copy")
+    copy(database, folder)
+    copy(database, folder)
+    for arm in arms_of_plant(database):
+        with history_of(database, arm) as made:
+            own = tables(folder / arm.name / "history.sqlite")
+            assert tables(made.folder / "history.sqlite") == own
+            assert len(own["assessment"]) > 30
+            with history_of(database, arm) as again:
+                assert again.digest == made.digest
+
+
+def test_an_arm_of_an_earlier_release_is_named_and_the_others_teach(folder, database, address, tmp_path):
+    """Its monitor refuses the question: its rows are missing, and it is followed as before."""
+    copy(database, folder, ("north/press",))
+    with Store.open(folder / "south" / "saw") as store:
+        handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=6), store=store), None)
+
+        def history(parameters):
+            return (
+                refusing("history: unknown parameter 'stored_after'")(parameters)
+                if "stored_after" in parameters
+                else handlers.history(parameters)
+            )
+
+        assert pull(
+            database, Way({"history": history, "event": handlers.events}), "joint-monitor/v1/x", "south", "saw", lambda: 5.0
+        ).change.seq
+    said = printed("prior", "--plant", plant_file(tmp_path, address))
+    assert "ur5: 1 arm" in said
+    assert "south/saw: the rows of its history are not copied: its monitor is of an earlier release" in said
+
+
+def test_a_history_that_an_earlier_release_began_is_copied_whole(folder, database):
+    """The first start of this one gives it the log, with every row that there is."""
+    path = folder / "north" / "press" / "history.sqlite"
+    with sqlite3.connect(path) as connection:
+        for (name,) in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'trigger' AND name LIKE '%_stored_%'").fetchall():
+            connection.execute(f"DROP TRIGGER {name}")
+        connection.execute("DROP TABLE stored")
+        connection.execute("DROP TABLE identified")
+    with Store.reader(path.parent) as store:
+        assert store.assessments.identified(1) is None
+    copy(database, folder, ("north/press",))
+    with history_of(database, arms_of_plant(database)[0]) as made:
+        assert tables(made.folder / "history.sqlite") == tables(path)
+    with sqlite3.connect(path) as connection:
+        before = connection.execute("SELECT count(*) FROM stored").fetchone()
+        keep_log(connection)
+        assert connection.execute("SELECT count(*) FROM stored").fetchone() == before
