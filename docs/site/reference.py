@@ -219,11 +219,11 @@ def _comment(of: griffe.Object | griffe.Alias) -> str:
 def alerts_page() -> str:
     """docs/alerts.md with its table of conditions from their records."""
     rows = [
-        f"| `{name}` | {tier} | `{of.state}` | {_cell(of.meaning)} | {_cell(of.advice)} |\n"
+        f"| `{name}` | {tier} | {_cell(of.advice)} | {_cell(of.meaning)} | `{of.state}` |\n"
         for name, condition in CONDITIONS.items()
         for tier, of in condition.tiers.items()
     ]
-    return _with_table((DOCS / "alerts.md").read_text("utf-8"), "| condition | tier | state | raised when | what to do |", rows)
+    return _with_table((DOCS / "alerts.md").read_text("utf-8"), "| condition | tier | what to do | raised when | state |", rows)
 
 
 def bus_page() -> str:
