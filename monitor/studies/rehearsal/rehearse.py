@@ -205,6 +205,7 @@ class LifeAnswer(NamedTuple):
     share: float  # of life, when it was asked
     predicted: RemainingLife
     true_days: float
+    arm: int = 0  # its number in the group
 
     @property
     def covered(self) -> bool | None:
@@ -265,7 +266,13 @@ def life(arms: int, assess: AssessSettings, *, seed: int, per_year: tuple[float,
 
 
 def life_jobs(
-    arms: int, assess: AssessSettings, *, seed: int, base: FleetSettings, per_year: tuple[float, float] = RATES_PER_YEAR
+    arms: int,
+    assess: AssessSettings,
+    *,
+    seed: int,
+    base: FleetSettings,
+    per_year: tuple[float, float] = RATES_PER_YEAR,
+    asked_at: tuple[float, ...] = ASKED_AT,
 ) -> list[Callable[[], Any]]:
     """The arms in groups with similar wear rates along the same path; each job returns the answers of its group."""
     rng = np.random.default_rng(seed)
@@ -274,7 +281,7 @@ def life_jobs(
         rates = np.sort(np.exp(rng.uniform(np.log(per_year[0]), np.log(per_year[1]), many))) / DAYS_A_YEAR  # per mean day of work
         for rate in np.array_split(rates, min(GROUPS, max(many // LEAST_GROUP, 1))):
             fleet = replace(base, arms=len(rate), seed=seed * 3 * GROUPS + len(jobs))
-            jobs.append(partial(answers_of, path, rate, rng.integers(0, 6, len(rate)), assess, fleet))
+            jobs.append(partial(answers_of, path, rate, rng.integers(0, 6, len(rate)), assess, fleet, asked_at))
     return jobs
 
 
@@ -315,7 +322,7 @@ def answers_of(
             left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             n = arm * state.joints_per_arm + int(joint[arm])
             predicted = remaining_life_of_joint(state.friction, n + arm, assess.friction, assess.prognosis)
-            answers.append(LifeAnswer(path, asked_at[k], predicted, float(left / state.usage.per_day[n])))
+            answers.append(LifeAnswer(path, asked_at[k], predicted, float(left / state.usage.per_day[n]), arm))
 
     days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean
     play(replace(base, days=days, scenarios=COMPARABLE), assess, wear, watch=watch)
