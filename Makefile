@@ -11,7 +11,7 @@ export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo user deb wheel release quick test docs texts pictures card lint bench soak excitations install uninstall clean
+.PHONY: help demo user deb wheel release system-python quick test docs texts pictures card lint bench soak excitations install uninstall clean
 
 help: ## what can be made
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -73,7 +73,7 @@ INTO := $(DESTDIR)$(PREFIX)
 install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor), unit and user in place; as root
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "joint-monitor needs Python 3.11 or newer; say which: make PYTHON=python3.11 ..." >&2; exit 2; }
 	@# the service runs as a user of its own, with ProtectHome
-	@test -n "$(DESTDIR)" || $(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make install PYTHON=/usr/bin/python3" >&2; exit 2; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.base_prefix.startswith(("/root/", "/home/")))' || { echo "the service cannot reach a Python below /root or /home; say another: make $(MAKECMDGOALS) PYTHON=/usr/bin/python3" >&2; exit 2; }
 	@# the service's user reads what root installs, whatever root's umask is
 	umask 022; $(PYTHON) -m venv $(INTO)
 	umask 022; $(INTO)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --upgrade '.[archive,gateway]'
@@ -93,7 +93,11 @@ install: ## as a service: a virtual environment below PREFIX (/opt/joint-monitor
 	@test -n "$(DESTDIR)" || echo "installed; now: joint-monitor init /etc/joint-monitor/NAME.toml, then: systemctl enable --now joint-monitor@NAME"
 
 DEB ?= build/joint-monitor.deb
-deb: ## a Debian package of the service for this machine's release and architecture: build/joint-monitor.deb
+system-python:
+	@# the package brings its libraries, and takes the interpreter from where it is installed
+	@$(PYTHON) -c 'import sys; sys.exit(sys.base_prefix != "/usr")' || { echo "a Debian package is for the system's own Python, not for that below $$($(PYTHON) -c 'import sys; print(sys.base_prefix)'); say it: make $(MAKECMDGOALS) PYTHON=/usr/bin/python3" >&2; exit 2; }
+
+deb: system-python ## a Debian package of the service for this machine's release and architecture: build/joint-monitor.deb
 	rm -rf build/deb
 	umask 022; $(MAKE) --no-print-directory install DESTDIR=$(CURDIR)/build/deb PREFIX=/opt/joint-monitor SYSTEM=/usr/lib COMMAND=/usr/bin
 	deploy/deb/build build/deb $$($(PYTHON) -c 'import re; print(re.search(r"__version__ = .(.+).", open("monitor/__init__.py").read())[1])') \
@@ -105,11 +109,12 @@ wheel: $(STAMP) ## the wheel in dist/, tried in a fresh environment: every comma
 	$(BIN)/python -m build --wheel --outdir dist
 	deploy/try-wheel dist/*.whl $(PYTHON) constraints.txt
 
-release: wheel ## all of a release in dist/: wheel, source, Debian package, checksums, and the notes from the changelog
+release: system-python wheel ## all of a release in dist/: wheel, source, Debian package tried in a chroot, checksums, and the notes from the changelog
 	$(BIN)/python -m build --sdist --outdir dist
 	$(MAKE) --no-print-directory deb
 	cp build/joint-monitor.deb dist/joint-monitor_$$(dpkg-deb -f build/joint-monitor.deb Version)_$$(dpkg-deb -f build/joint-monitor.deb Architecture).deb
 	awk '/^## /{part++} part==1' docs/CHANGELOG.md > dist/NOTES.md
+	deploy/try-deb dist/*.deb
 	cd dist && sha256sum *.whl *.tar.gz *.deb > SHA256SUMS
 	@ls -l dist
 
