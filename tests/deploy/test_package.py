@@ -87,7 +87,7 @@ def test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wr
     """`deploy-files` writes every file of `deploy/` that a machine needs, as it is but for the program's place; again only with --force."""
     assert ended("deploy-files", tmp_path / "a").returncode == 0
     written = {path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()}
-    packaging = {Path("Containerfile"), Path("try-wheel"), *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir())}
+    packaging = {Path("Containerfile"), *(Path(f"try-{what}") for what in ("wheel", "deb", "commands")), *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir())}
     assert written == {path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy").rglob("*") if path.is_file()} - packaging
     for name in written:
         shipped = (ROOT / "deploy" / name).read_text("utf-8")
@@ -112,6 +112,20 @@ def test_the_wheel_carries_what_a_user_needs_and_its_version_is_the_programs(tmp
     assert {f"monitor/_deploy/{path}" for path in ("zenoh/router.json5", "prometheus/scrape.yml")} <= names
     assert any(each.startswith("monitor/_deploy/grafana/dashboards/") for each in names)
     assert "version" not in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+
+
+def test_a_python_that_a_package_or_a_service_cannot_reach_is_refused_with_the_one_that_they_can(tmp_path):
+    """Below /home, and for a package anywhere but in /usr: said before anything is built, with the words that would be right."""
+    python = tmp_path / "python"
+    for prefix, targets in (("/home/ada/.pyenv", ("install", "deb", "release")), ("/opt/python3.12", ("deb", "release"))):
+        python.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import sys; sys.base_prefix = \'{prefix}\'; exec(sys.argv[1])" "$2"\n')
+        python.chmod(0o755)
+        for target in targets:
+            command = ["make", "--no-print-directory", target, f"PYTHON={python}", f"DESTDIR={tmp_path / 'root'}"]
+            refused = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+            assert refused.returncode == 2, refused.stderr
+            assert f"make {target} PYTHON=/usr/bin/python3" in refused.stderr
+            assert not (tmp_path / "root").exists()
 
 
 def test_hosted_ci_and_our_own_call_the_same_targets_which_exist():
