@@ -1,6 +1,10 @@
 """Friction given back to control: the terms of the document are those of the predicted torque, and say what is not known."""
 
+import json
+import re
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +15,10 @@ from monitor.cli.main import app
 from monitor.errors import BadInput
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import load_robot
+from monitor.publish.client import Client
 from monitor.publish.compensation import NODES_C, compensation, compensation_at, model_of
 from monitor.publish.documents import Model, as_json, made
+from monitor.simulate.program.language import parsed
 
 UR5 = load_robot("ur5")
 
@@ -103,3 +109,32 @@ def test_predict_says_what_it_needs(arguments, says, tmp_path):
     result = CliRunner().invoke(app, ["predict", "--config", str(config), "--local", *arguments])
     assert isinstance(result.exception, BadInput)
     assert says in str(result.exception)
+
+
+def test_the_example_writes_a_program_that_is_one_and_compensates_less_than_the_friction(learnt, monkeypatch, capsys):
+    """The code of the page, with a client that has this model: URScript by the simulated controller's reader, with both scales 0."""
+    model = made(Model, learnt[0].as_document())
+
+    class Answering(Client):
+        def __init__(self, *_: str) -> None:
+            pass
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def model(self) -> Model:
+            return model
+
+        def friction(self) -> list[SimpleNamespace]:
+            return [SimpleNamespace(temperature_c=30.0)] * 6
+
+    monkeypatch.setattr("monitor.publish.client.Client", Answering)
+    page = (Path(__file__).parents[2] / "docs/torque-model.md").read_text("utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    exec(compile(code, "torque-model.md", "exec"), {})  # the page's own
+    script = capsys.readouterr().out
+    parsed(script, "hand_guiding", {"direct_torque", "get_actual_joint_speeds"})
+    assert "direct_torque(torque, viscous_scale=none, coulomb_scale=none)" in script
+    given = np.array(json.loads(re.search(r"fc = (\[.*\])", script)[1]))
+    assert np.all(given > 0.8 * np.broadcast_to(COULOMB_NM, 6))
+    assert np.all(given < np.broadcast_to(COULOMB_NM, 6))
