@@ -1,5 +1,6 @@
 """The commands around a motion: `check` reads conditions, `replay` moves, `record` listens, `allow` releases the arm after a stop."""
 
+import importlib
 import os
 import signal
 import time
@@ -16,6 +17,7 @@ from monitor.cli.options import (
     ForceOption,
     JsonOption,
     RecordingOutputOption,
+    client_of,
     load_configuration,
     print_json,
     refuse_overwriting,
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from monitor.recording import Recording
     from monitor.service.motion import AskAnswer
 
-EXIT_NOT_NOW = 3  # of `check`: the arm may not move now
+EXIT_NOT_NOW = 3  # of `check`: the arm may not move now; of `campaign`: it ended before the arm was warm
 # each of them stops a moving arm before the command ends; SIGHUP comes when the terminal is closed
 STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 SUFFIX = ".script"  # PolyScope lists only such files for a Script node
@@ -153,6 +155,59 @@ def record(
         print_json(facts)
     else:
         _print_recording(facts)
+
+
+def campaign(
+    config: ConfigOption,
+    by: Annotated[str, typer.Option(help="Who asks for it, and has made sure that the arm may move for so long.", show_default=False)],
+    why: Annotated[str, typer.Option(help="Why; it is kept in the log.")] = "warm-up campaign",
+    most: Annotated[int, typer.Option(help="Replays, at most.")] = 60,
+    hours: Annotated[float, typer.Option(help="Hours, at most: then no further replay is asked for.")] = 2.0,
+    plot: Annotated[
+        Path | None, typer.Option(help="fv over 0 to 50 °C with its ±, and the replays: a .png or .html.", show_default=False)
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Ask the running daemon for one replay after another, from a cold arm until its temperatures are steady. Exit 3: it ended before.
+
+    Every condition and guard of a replay holds for each. Ctrl-C: no further one is asked for.
+    """
+    from monitor.publish.compensation import model_of
+    from monitor.publish.timestamps import rfc3339
+    from monitor.service.campaign import Bounds, Made
+    from monitor.service.campaign import campaign as run_campaign
+
+    configuration = load_configuration(config)
+    bounds = Bounds(most=most, hours=hours, steady_k=configuration.schedule.warm_k_per_10_min)
+    if plot is not None:
+        from monitor.views.plots.picture import check_target
+
+        check_target(plot)
+        importlib.import_module("matplotlib.figure")  # where it is not installed, before the arm moves
+
+    def tell(made: Made) -> None:
+        if not as_json:
+            shown = " ".join("–" if T is None else f"{T:.1f}" for T in made.temperature_c)
+            typer.echo(f"{rfc3339(made.at_unix_s)}  replay {made.replay} assessed at {shown} °C")
+
+    with stop_on(*STOP_SIGNALS) as stopping, client_of(configuration) as client:
+        began = rfc3339(time.time())
+        ended = run_campaign(client, bounds, by=by, why=why, should_stop=stopping.is_set, tell=tell)
+        if plot is not None and ended.made:
+            from monitor.views.plots.friction_law import law_figure
+            from monitor.views.plots.picture import write_picture
+
+            past = list(client.history(since=began))
+            rows = [[row for row in past if row.joint == j + 1] for j in range(configuration.robot_description.joints)]
+            title = f"{configuration.robot.id}: fv over temperature, {len(ended.made)} replays"
+            write_picture(plot, law_figure(title, model_of(client.model()).viscous, rows, (0.0, 50.0)), title)
+    if as_json:
+        made = [{"replay": each.replay, "at": rfc3339(each.at_unix_s), "temperature_c": list(each.temperature_c)} for each in ended.made]
+        print_json({"robot": configuration.robot.id, "replays": made, "steady": ended.steady, **ended.why.document()})
+    else:
+        typer.echo(f"{configuration.robot.id}: {len(ended.made)} replays; {ended.why}")
+    if not ended.steady:
+        raise typer.Exit(EXIT_NOT_NOW)
 
 
 def allow(
@@ -314,4 +369,4 @@ def _text_of(path: Path) -> str | None:
         raise BadInput(f"{path}: {error.strerror}") from None
 
 
-COMMANDS: Commands = {"check": check, "replay": replay, "record": record, "allow": allow, "script-node": script_node}
+COMMANDS: Commands = {"check": check, "replay": replay, "campaign": campaign, "record": record, "allow": allow, "script-node": script_node}

@@ -40,6 +40,17 @@ def replays_at(belief: Belief) -> Array:
     return counted
 
 
+def missing_row(belief: Belief, temperature_c: Array) -> int | None:
+    """The index in NODES_C of the joints' middle temperature, of (J,) [°C], where half of them have no replay at their own; else None."""
+    if not np.all(np.isfinite(temperature_c)):
+        return None
+    row = np.rint(temperature_c / NODES_C[1]).astype(int)
+    inside = (row >= 0) & (row < len(NODES_C))
+    counted = replays_at(belief)[np.clip(row, 0, len(NODES_C) - 1), np.arange(belief.joints)]
+    missing = inside & (counted == 0)
+    return int(np.median(row[missing])) if 2 * missing.sum() >= belief.joints else None
+
+
 def compensation(model: CompensatedModel, belief: Belief) -> Compensation:
     """The document after a replay."""
     rows = friction_terms(model, np.repeat(NODES_C[:, None], model.joints, axis=1)) | {"replays": replays_at(belief).astype(int)}

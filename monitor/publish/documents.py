@@ -593,7 +593,7 @@ class DueReplay(Said):
     since: Time
     until: Time = Field(description="without a replay by then its window is skipped")
     kind: str = Field(description="scheduled or requested")
-    why: str = Field(description="what opened its window: cron, every, learning, cold start, evidence, asked for")
+    why: str = Field(description="what opened its window: cron, every, learning, cold start, evidence, missing temperature, asked for")
     tries: int = Field(description="replays begun for it that this machine or the network ended")
 
 

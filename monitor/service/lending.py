@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Protocol, Self
 
 from monitor.acquire.driver import Driver
-from monitor.acquire.schedule.windows import Window, blackouts
+from monitor.acquire.schedule.windows import COLD_START, PULLED_FORWARD, Window, blackouts
 from monitor.config.schema import Configuration
 from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.publish import documents
@@ -196,7 +196,7 @@ def program_of(driver: Driver, host: str) -> str | None:
 
 log = logging.getLogger(__name__)
 
-TRIGGERED = frozenset({"cold start", "evidence"})  # what such a window wants to see is gone when it closes
+TRIGGERED = PULLED_FORWARD | {COLD_START}  # what such a window wants to see is gone when it closes
 ENDED_EARLY = frozenset({"aborted", "skipped"})  # a window that the arm was taken for, and that taught nothing
 LOOK_EVERY_S = 10.0  # between two looks whether the arm may be asked for again
 

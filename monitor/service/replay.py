@@ -8,11 +8,14 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import Protocol
 
+import numpy as np
+
 from monitor.acquire.schedule.needed import Need
 from monitor.config.schema import Configuration
 from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.states import stale_joints
 from monitor.model.fourier import Excitation
+from monitor.publish.compensation import missing_row
 from monitor.publish.timestamps import rfc3339
 from monitor.reason import INTERNAL, Reason, Sentence
 from monitor.recording import Context, Recording
@@ -150,6 +153,8 @@ class Monitor:
             if ledger_id is not None:
                 self._store.ledger.end(ledger_id, "skipped", reason, self._now())
                 log.warning("window=%s verdict=skipped reason=%r", rfc3339(window_unix_s), reason.text)
+                if kind == "requested":  # whoever asked waits for its end
+                    self._publisher.replay_ended(self._store.ledger.row(ledger_id))
 
     def recover(self, at_most: int | None = None) -> None:
         """Finish what a crash or a full disk left half-way: each such window is aborted, or assessed now. Raises StoreError.
@@ -187,6 +192,11 @@ class Monitor:
         """From when the next replay is needed, and why. Raises StoreError."""
         estimator = self._state.estimator  # one read: a replay may put another in its place meanwhile
         return needed(self.configuration.schedule, self._store, estimator.belief, self._state.health)
+
+    def missing_row(self, temperature_c: Sequence[float]) -> int | None:
+        """The row of the document `compensation` that has no replay of half of the joints, at these (J,) temperatures [°C]; else None."""
+        belief = self._state.estimator.belief
+        return None if belief is None else missing_row(belief, np.array(temperature_c))
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""

@@ -8,12 +8,12 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from monitor.acquire.schedule.needed import ColdStart, Need, WarmUp, needed_windows
-from monitor.acquire.schedule.windows import Triggers, Window, check_windows, reach_back_s, upcoming, windows
+from monitor.acquire.schedule.windows import PULLED_FORWARD, Sought, Triggers, Window, check_windows, reach_back_s, upcoming, windows
 from monitor.errors import MonitorError
 from monitor.publish.timestamps import rfc3339
 from monitor.reason import Reason, Sentence
@@ -70,6 +70,9 @@ class Performer(Lender, Protocol):
     def needed(self) -> Need:
         """From when the next replay is needed, and why."""
 
+    def missing_row(self, temperature_c: Sequence[float]) -> int | None:
+        """Of which row of the document `compensation` these (J,) temperatures [°C] are, where it lacks replays; else None."""
+
     def next_due(self, unix_s: float | None) -> None:
         """Publish when the next window opens."""
 
@@ -99,6 +102,8 @@ class Scheduler:
         self._noted = 0.0  # monotonic
         self.lag_s: float | None = None  # of the last replay, from the opening of its window
         self._warmth = WarmUp()
+        self._temperature_c: tuple[float, ...] | None = None  # of an arm that is ready to move
+        self._sought: Sought | None = None
         now = self._clocks.now()
         running = store.notes.get(_RUNNING)
         self._cold = ColdStart(None if running is None else float(running))
@@ -120,6 +125,7 @@ class Scheduler:
         self._cold.observe(running, now, self._monitor.configuration.schedule.cold_start_after_h)
         if self._cold.at_unix_s != before:
             self._next_check = 0.0
+        self._temperature_c = temperature_c if running else None
         if temperature_c is not None:
             self._warmth.observe(temperature_c, now)
 
@@ -268,8 +274,18 @@ class Scheduler:
         more = needed_windows(upcoming(settings, since, count + min(len(known), 50), began, self._salt), needed)
         return [window for window in more if window.key_unix_s not in known][:count]
 
+    def _seek(self, now: float) -> Sought | None:
+        """The temperature that is missing and there now; the same until its window has closed."""
+        settings, temperature_c = self._monitor.configuration.schedule, self._temperature_c
+        row = self._monitor.missing_row(temperature_c) if settings.seek_temperatures and temperature_c is not None else None
+        if row is None:
+            return None
+        before = self._sought
+        return before if before is not None and before.row == row and now - before.at_unix_s < settings.grace_s else Sought(now, row)
+
     def _check(self, now: float) -> None:
         configuration = self._monitor.configuration
+        self._sought = self._seek(now)
         since = min(self._watched, now)
         entered = self._store.ledger.windows(since - reach_back_s(configuration.schedule), now + DAY_S)
         found = check_windows(
@@ -279,7 +295,7 @@ class Scheduler:
             entered=entered,
             began_unix_s=self._store.ledger.began_unix_s(),
             salt=self._salt,
-            triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s),
+            triggers=Triggers(self._cold.at_unix_s, self._evidence_unix_s, self._sought),
         )
         needed = self._monitor.needed()
         for window in found.missed:
@@ -288,7 +304,8 @@ class Scheduler:
         self._watched = now
         if found.due is None or found.due.opens_unix_s < self._not_before:
             return
-        unneeded = None if found.due.why == "evidence" else not_needed(found.due.closes_unix_s, needed)
+        wanted = self._sought is not None or found.due.why in PULLED_FORWARD
+        unneeded = None if wanted else not_needed(found.due.closes_unix_s, needed)
         if unneeded is not None:
             for window in (*found.merged, found.due):
                 self._monitor.skip(window.key_unix_s, unneeded)

@@ -302,6 +302,7 @@ def test_what_comes_next_is_what_will_be_due():
         ("jitter_s", 600.0, "less than grace_s"),
         ("blackout", ("2026-13-01",), "2026-12-25"),
         ("blackout", ("2026-05-02..2026-05-01",), "2026-12-25"),
+        ("seek_temperatures", True, "expected evidence_windows"),
         ("evidence_windows", ("25:00-05:00",), "HH:MM"),
     ],
 )

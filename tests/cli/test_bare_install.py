@@ -47,6 +47,7 @@ LINES = {
     "shelve": (*C, "--by", "ada", "j3/wear_rising", "--hours", "1"),
     "unshelve": (*C, "--by", "ada", "j3/wear_rising"),
     "replay": (*C, "-o", "new.parquet"),
+    "campaign": (*C, "--by", "ada", "--plot", "warm.png"),
     "record": (*C, "-o", "heard.parquet", "--seconds", "1"),
     "script-node": (*C, "-o", "lend.script"),
     "rehearse": (*C, "--arms", "16", "--plot", "rehearsal.png"),

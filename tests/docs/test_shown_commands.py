@@ -36,6 +36,7 @@ NOT_RUN = {  # by the command, or by its first words
     "check": "asks a controller",
     "script-node": "asks a controller; the tests of the service run it",
     "replay": "moves an arm, in real time",
+    "campaign": "asks a running daemon; the tests of the service run it",
     "record": "listens to an arm, in real time",
     "allow": "needs a stop that waits for a person",
     "try": "starts a daemon; the tests of the studies run it",

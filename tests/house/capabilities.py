@@ -24,6 +24,10 @@ COMMANDS: dict[str, tuple[str, ...]] = {  # each command of `joint-monitor --hel
         "cli/test_commands_arm.py::test_base_prints_the_whole_object",
         "cli/test_commands_arm.py::test_base_without_json_is_a_table_to_read",
     ),
+    "campaign": (
+        "service/test_campaign.py::test_a_campaign_ends_when_no_joint_changes_any_more_and_the_history_has_each_replay",
+        "service/test_campaign.py::test_a_campaign_is_bounded_and_ends_with_the_first_replay_that_is_not_learnt_from",
+    ),
     "check": (
         "cli/test_commands_motion.py::test_check_looks_and_neither_uploads_nor_moves_anything",
         "cli/test_commands_motion.py::test_check_names_each_obstacle_to_a_motion_and_ends_with_three",

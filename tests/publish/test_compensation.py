@@ -16,7 +16,7 @@ from monitor.errors import BadInput
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.robot import load_robot
 from monitor.publish.client import Client
-from monitor.publish.compensation import NODES_C, compensation, compensation_at, model_of
+from monitor.publish.compensation import NODES_C, compensation, compensation_at, missing_row, model_of
 from monitor.publish.documents import Model, as_json, made
 from monitor.simulate.program.language import parsed
 
@@ -78,6 +78,14 @@ def test_every_replay_counts_at_one_temperature_and_those_without_any_are_extrap
         assert sum(row.replays for row in rows) == 40
         assert [row.extrapolated for row in rows] == [T < 18 or T > 42 for T in NODES_C]
         assert rows[0].viscous_std_nm_s_per_rad > 1.5 * rows[6].viscous_std_nm_s_per_rad
+
+
+def test_a_temperature_is_missing_where_half_of_the_joints_have_no_replay_there(learnt):
+    """12 and 45 °C are, 30 °C is not; joints that are unheard, and temperatures beyond the working range, ask for nothing."""
+    belief = learnt[1]
+    assert [missing_row(belief, np.full(6, T)) for T in (12.0, 30.0, 45.0, 60.0, -10.0, np.nan)] == [2, None, 9, None, None, None]
+    assert missing_row(belief, np.array([12.0, 12.0, 30.0, 30.0, 30.0, 30.0])) is None
+    assert missing_row(belief, np.array([12.0, 12.0, 12.0, 30.0, 30.0, 30.0])) == 2
 
 
 def test_the_model_that_travels_gives_the_terms_of_the_one_that_was_learnt(learnt):

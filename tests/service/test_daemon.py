@@ -199,6 +199,8 @@ def test_a_replay_is_assessed_published_and_still_known_after_a_restart(cell):
     assert result.returncode == 0, result.stderr
     assert [row["state"] for row in json.loads(result.stdout)["ledger"]] == ["assessed"]
     assert json.loads(result.stdout)["health"]["stale"] is False
+    missing = [row["extrapolated"] for row in json.loads(result.stdout)["compensation"]["joints"][0]["by_temperature"]]
+    assert missing.count(False) in {1, 2}  # one replay: its temperature, and 3 K about it
     arguments = ["--q=0,-1.5,0.5,0,0,0", "--qd=0.5,0.5,0.5,0.5,0.5,0.5", "--temperature=25,25,25,25,25,25"]
     local = ended("predict", "--config", str(cell.config), *arguments, "--local", "--json")
     assert json.loads(local.stdout)["torque_nm"] == pytest.approx(answer.torque_nm)

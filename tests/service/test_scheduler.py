@@ -5,7 +5,7 @@ import os
 import sqlite3
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -42,6 +42,7 @@ class Arm:
         self.fails: Exception | None = None
         self.outcome = "rejected"
         self.told = Told()
+        self.known_rows: set[int] = set()
         self.requests = ReplayRequests()
         self.scheduler = self.started()
 
@@ -77,6 +78,11 @@ class Arm:
 
     def needed(self) -> Need:
         return need(self.configuration.schedule, self.told)
+
+    def missing_row(self, temperature_c: Sequence[float]) -> int | None:
+        """Each row of 5 K is known after one replay."""
+        row = round(temperature_c[0] / 5.0)
+        return None if row in self.known_rows else row
 
     def passes(self, seconds: float, step: float = 240.0) -> None:
         """Advance both clocks, with one tick of the scheduler in each step."""
@@ -287,6 +293,54 @@ def test_evidence_and_a_cold_start_advance_a_replay_once(tmp_path: Path):
         arm.scheduler.observe(True, None)
         arm.passes(3600.0)
         assert len(arm.replayed) == 2
+
+
+def test_a_missing_temperature_opens_a_window_where_the_site_allows_it_and_once_a_day_for_each(tmp_path: Path):
+    """Cold in the morning, warm after work, known in between: a replay each in the allowed hours, and none at other hours or unasked."""
+    allowed = ("05:30-06:30", "16:00-17:00")
+    with Store.open(tmp_path / "history") as store:
+        arm = Arm(tmp_path / "history", store, cron="", evidence_windows=allowed, seek_temperatures=True, grace_s=900.0)
+        arm.known_rows = {5}
+
+        def day() -> int:
+            before = len(arm.replayed)
+            for hour, celsius in ((5.8, 12.0), (12.0, 25.0), (14.0, 40.0), (16.2, 40.0)):
+                arm.passes((3600.0 * hour - arm.clock[0]) % DAY, 3600.0)
+                for _ in range(20):  # 10 min
+                    arm.scheduler.observe(True, (celsius,) * 6)
+                    arm.passes(30.0, 30.0)
+                arm.scheduler.observe(False, None)
+            return len(arm.replayed) - before
+
+        assert day() == 2
+        arm.known_rows |= {2}
+        assert day() == 1
+        arm.known_rows |= {8}
+        assert day() == 0
+    with Store.open(tmp_path / "other") as store:
+        arm = Arm(tmp_path / "other", store, cron="", evidence_windows=allowed, grace_s=900.0)
+        assert day() == 0
+
+
+def test_a_window_at_a_missing_temperature_replays_though_work_tells_enough(tmp_path: Path):
+    """`when_needed` leaves a window out; where the joints are at a temperature that is missing, it replays."""
+    for missing in (False, True):
+        with Store.open(tmp_path / f"history-{missing}") as store:
+            arm = Arm(
+                tmp_path / f"history-{missing}",
+                store,
+                cron="0 3 * * *",
+                grace_s=600.0,
+                replay="when_needed",
+                evidence_windows=("22:00-22:01",),
+                seek_temperatures=True,
+            )
+            arm.known_rows = set() if missing else {6}
+            arm.told = Told(began_unix_s=START - 60 * DAY, replayed_unix_s=START, joints_unix_s=(START,) * 6)
+            for _ in range(24):
+                arm.scheduler.observe(True, (30.0,) * 6)
+                arm.passes(300.0 if arm.clock[0] % DAY > 2.9 * 3600.0 else 3600.0, 30.0)
+            assert bool(arm.replayed) is missing
 
 
 def test_a_requested_replay_runs_at_once_and_beside_the_schedule(arm: Arm):

@@ -17,6 +17,7 @@ from monitor.judge.document import plain
 from monitor.judge.inspection import InspectionSettings
 from monitor.judge.temperature.curves import Curve
 from monitor.judge.temperature.laws import Line
+from monitor.publish.compensation import compensation
 from monitor.publish.documents import FromProduction, JointFromProduction, NextReplay, as_json, worded
 from monitor.publish.timestamps import utc
 from monitor.reason import joint_name, joints_by_number, reason_of
@@ -533,6 +534,19 @@ def test_a_joint_says_what_came_from_production_and_how_far_the_next_replay_is(o
     expect(figures).to_contain_text("0,02 (Ellbogen (Gelenk 3): in 7 Tagen hat es sich 0 s bewegt; eine Prüffahrt ist nötig)")
     expect(figures).to_contain_text("die normale Arbeit sagt nicht genug über Gelenk 3: nach 7 Tagen ist eine Prüffahrt nötig")
     assert not ENGLISH_WORDS.search(figures.inner_text())
+
+
+def test_a_joint_says_which_temperatures_are_known_and_which_are_missing(opened, served):
+    """By the document `compensation`; the chart of its law reaches over the whole working range."""
+    known = compensation(served[1].state.torque_model, served[1].state.estimator.belief).joints[0].by_temperature
+    inside = [f"{row.temperature_c:.0f}" for row in known if not row.extrapolated]
+    page = opened[0]()
+    page.locator("#tab-1").click()
+    page.locator("details.physics summary").click()
+    expect(page.locator("#physics")).to_contain_text(f"Temperatures known{inside[0]}–{inside[-1]} °C" if inside else "Temperatures known–")
+    expect(page.locator("#physics")).to_contain_text("Temperatures missing, of 0 to 50 °C")
+    assert page.evaluate("charts.plots.law.scales.x.min") <= 0.0
+    assert page.evaluate("charts.plots.law.scales.x.max") >= 50.0
 
 
 def test_checks_hours_and_stops_are_shown_and_a_check_is_recorded_by_a_click(opened, served):

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from monitor.acquire.schedule.windows import ScheduleSettings, Window
+from monitor.acquire.schedule.windows import PULLED_FORWARD, ScheduleSettings, Window
 from monitor.reason import Reason, Sentence, joints_by_number
 from monitor.recording import DAY_S
 
@@ -93,7 +93,7 @@ def suspicion_asks(settings: ScheduleSettings, replayed_unix_s: float | None, ju
 
 def needed_windows(windows: Sequence[Window], needed: Need) -> list[Window]:
     """The windows in which a replay is needed, as far as can be told now: of those that need one, each needs it until a replay."""
-    return [window for window in windows if needed.at(window.closes_unix_s) or window.why == "evidence"]
+    return [window for window in windows if needed.at(window.closes_unix_s) or window.why in PULLED_FORWARD]
 
 
 GAP_S = 60.0  # temperatures that were not observed for so long are not known to be steady

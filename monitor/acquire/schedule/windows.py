@@ -43,6 +43,7 @@ class ScheduleSettings:
     learning_every_h: Annotated[float, Interval(ge=0.0, le=168.0)] = 0.0  # [h] between windows in that phase; 0: as at any time
     evidence_windows: tuple[str, ...] = ()  # "22:00-05:00": when a replay may be pulled forward; empty: never
     evidence_pause_h: Annotated[float, Interval(ge=1.0, le=720.0)] = 24.0  # [h] at most one replay is pulled forward in this time
+    seek_temperatures: bool = False  # in evidence_windows, a window of its own at each temperature that friction is not known at
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the setting, its value and what would be right."""
@@ -60,6 +61,9 @@ class ScheduleSettings:
         wrong = [text for text in self.evidence_windows if not is_span(text)]
         if wrong:
             raise BadInput(f"schedule.evidence_windows = {_listed(wrong)}: expected HH:MM-HH:MM, e.g. 22:00-05:00")
+
+        if self.seek_temperatures and not self.evidence_windows:
+            raise BadInput("schedule.seek_temperatures = true: expected evidence_windows, which say when a replay may be pulled forward")
 
     def zone(self) -> ZoneInfo:
         """The time zone. Raises BadInput."""
@@ -79,7 +83,7 @@ class Window(NamedTuple):
     key_unix_s: float  # what the ledger knows it by
     opens_unix_s: float
     closes_unix_s: float
-    why: str  # cron, every, learning, cold start or evidence
+    why: str  # cron, every, learning, cold start, evidence or missing temperature
 
 
 def windows(settings: ScheduleSettings, from_unix_s: float, to_unix_s: float, began_unix_s: float | None, salt: str = "") -> list[Window]:
@@ -167,6 +171,16 @@ def _share(salt: str, key: float) -> float:
 # two windows with one key are one window; these offsets keep the keys of cold start and evidence apart from those of the clock
 COLD_START_KEY_S = 0.001  # after the beginning of the day
 EVIDENCE_KEY_S = 0.002  # after the beginning of a pause
+SOUGHT_KEY_S = 0.01  # likewise, and so much again for each row of temperatures
+COLD_START, EVIDENCE, MISSING = "cold start", "evidence", "missing temperature"
+PULLED_FORWARD = frozenset({EVIDENCE, MISSING})  # they are needed whatever else is
+
+
+class Sought(NamedTuple):
+    """The joints are at a temperature that friction is not known at."""
+
+    at_unix_s: float  # since when, or since the last look
+    row: int  # of the temperatures that are told apart, from 0
 
 
 class Triggers(NamedTuple):
@@ -174,12 +188,17 @@ class Triggers(NamedTuple):
 
     cold_start_unix_s: float | None = None  # the arm ran again after a long rest
     evidence_unix_s: float | None = None  # production motion indicated more friction
+    sought: Sought | None = None
 
 
 def triggered_windows(settings: ScheduleSettings, triggers: Triggers) -> Iterator[Window]:
     """The windows that the triggers open, as far as no blackout forbids them."""
     dark = blackouts(settings)
-    for made in (cold_start_window(settings, triggers.cold_start_unix_s), evidence_window(settings, triggers.evidence_unix_s)):
+    for made in (
+        cold_start_window(settings, triggers.cold_start_unix_s),
+        evidence_window(settings, triggers.evidence_unix_s),
+        sought_window(settings, triggers.sought),
+    ):
         if made is not None and (left := before_blackouts(dark, made)) is not None:
             yield left
 
@@ -189,7 +208,7 @@ def cold_start_window(settings: ScheduleSettings, at_unix_s: float | None) -> Wi
     if at_unix_s is None or not settings.cold_start_after_h:
         return None
     key = midnight_before(at_unix_s, settings.zone()) + COLD_START_KEY_S
-    return Window(key, at_unix_s, at_unix_s + settings.grace_s, "cold start")
+    return Window(key, at_unix_s, at_unix_s + settings.grace_s, COLD_START)
 
 
 def evidence_window(settings: ScheduleSettings, at_unix_s: float | None) -> Window | None:
@@ -200,7 +219,18 @@ def evidence_window(settings: ScheduleSettings, at_unix_s: float | None) -> Wind
     key = at_unix_s // pause_s * pause_s + EVIDENCE_KEY_S
     zone = settings.zone()
     opens, closes = min(span for text in settings.evidence_windows for span in spans_from(text, at_unix_s, zone))
-    return Window(key, max(opens, at_unix_s), closes, "evidence")
+    return Window(key, max(opens, at_unix_s), closes, EVIDENCE)
+
+
+def sought_window(settings: ScheduleSettings, sought: Sought | None) -> Window | None:
+    """The window of a missing temperature, in an allowed span; its key allows one such window a pause and row of temperatures."""
+    if sought is None or not settings.seek_temperatures:
+        return None
+    at, pause_s, zone = sought.at_unix_s, 3600.0 * settings.evidence_pause_h, settings.zone()
+    closes = max((end for text in settings.evidence_windows for begin, end in spans_from(text, at, zone) if begin <= at), default=at)
+    if closes <= at:
+        return None
+    return Window(at // pause_s * pause_s + SOUGHT_KEY_S * (sought.row + 1), at, min(closes, at + settings.grace_s), MISSING)
 
 
 LOOK_BACK_S = 60 * DAY_S  # windows missed longer ago are not entered one by one

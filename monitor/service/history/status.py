@@ -15,7 +15,7 @@ from monitor.judge.alerts.health import alert_document, health_from_document
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.belief import belief_from_document, learnt_replays_of
 from monitor.judge.torque.model import model_from_document
-from monitor.publish.compensation import compensation_at
+from monitor.publish.compensation import compensation, compensation_at
 from monitor.publish.documents import Alert, JointFrictionAt, as_json, made, worded_json
 from monitor.publish.health_document import health_document
 from monitor.publish.shown import NOTHING_ASSESSED
@@ -64,6 +64,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "health": _health(state, now_unix_s, configuration),
         "early_alerts": [as_json(made(Alert, alert_document(alert))) for alert in early],
         "friction": outside([row | {"recorded_at": rfc3339(recorded[row["replay"]])} for row in newest]),
+        **({} if state is None else {"compensation": _compensation(state)}),
         "maintenance": maintenance,
         **({} if from_production is None else {"from_production": as_json(from_production)}),
         **({} if inspection is None else {"inspection": as_json(inspection)}),
@@ -75,6 +76,10 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
     if why_joint is not None:
         document["not_alerting"] = {"joint": why_joint, "reasons": _reasons(state, why_joint, configuration)}
     return document
+
+
+def _compensation(state: StoredState) -> dict[str, Any]:
+    return as_json(compensation(model_from_document(state.model), belief_from_document(state.belief)))
 
 
 def schedule_document(configuration: Configuration, now_unix_s: float, count: int) -> dict[str, Any]:

@@ -42,7 +42,7 @@ NAMES = (  # how windows, alerts, causes and parts of the monitor are named in d
     N_("ready for power off"), N_("not responding"), N_("motor initialisation"), N_("part D calibration error"), N_("bootloader"),
     N_("calibration"), N_("later"), N_("earlier"), N_("grows"), N_("falls"), N_("time is in milliseconds"),
     N_("time is in microseconds"), N_("time is in nanoseconds"), N_("time is in units of 100 ns"), N_("time is in days"),
-    N_("time is in hours"), N_("time is in minutes"),
+    N_("time is in hours"), N_("time is in minutes"), N_("missing temperature"),
     N_("speeds are the change of the positions"), N_("accelerations are the change of the speeds"), N_("the current is taken"),
     N_("the torque is taken"), N_("positions are in degrees"), N_("speeds are in degrees a second"),
     N_("accelerations are in degrees a second squared"), N_("current"), N_("torque"), N_("position"), N_("speed"), N_("acceleration"),

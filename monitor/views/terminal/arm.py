@@ -20,6 +20,7 @@ from monitor.reason import ENGLISH, Reason, Words, joint_name, joint_text, reaso
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.history import PERCENT_PER_MONTH
 from monitor.views.terminal.figures import STATE_STYLE, TIER_STYLE, local_times, number, pair, remaining_life, standard_output, table_of
+from monitor.views.terminal.watch import known_temperatures
 
 COMPENSATION_WIDTH = 90  # characters
 NEWEST = 3  # stops that are printed
@@ -161,6 +162,8 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
         for note in (assumptions(document["friction"]), unseen_steps(document["friction"])):
             if note is not None:
                 console.print(note.text, highlight=False)
+    if document.get("compensation"):
+        console.print(known_temperatures(document["compensation"]), highlight=False)
     for utc, alert in zip(_alerts(published), _alerts(document), strict=True):
         if alert.get("active"):
             rows = [row for row in published["friction"] if row["joint"] == alert["joint"]]

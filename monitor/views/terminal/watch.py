@@ -104,11 +104,16 @@ def _model(key: str, document: Document) -> Text:
 
 
 def _compensation(key: str, document: Document) -> Text:
-    text = Text(f"{key}  known of 0 to 50 °C:")
+    return Text(f"{key}  {known_temperatures(document)}")
+
+
+def known_temperatures(document: Document) -> str:
+    """Which temperatures of 0 to 50 °C the friction of each joint is known at, by the document `compensation`."""
+    spans = []
     for joint in document["joints"]:
         known = [row["temperature_c"] for row in joint["by_temperature"] if not row["extrapolated"]]
-        text.append(f"  J{joint['joint']} ").append(f"{known[0]:.0f}–{known[-1]:.0f}" if known else "none", "" if known else "yellow")
-    return text
+        spans.append(f"J{joint['joint']} {known[0]:.0f}–{known[-1]:.0f}" if known else f"J{joint['joint']} none")
+    return f"known of 0 to 50 °C: {'  '.join(spans)}"
 
 
 def _replay(key: str, document: Document) -> Text:

@@ -199,8 +199,8 @@ const Charts = (() => {
       const line = model && model.viscous, j = joint - 1;
       const known = line && line.intercept[j] != null, T0 = known && line.reference_c[j];
       const law = known ? lawOf(line, j) : () => [null, null], at = (t) => law(t)[0], std = (t) => law(t)[1];
-      const T = points.map(([t]) => t), low = Math.min(...T) - 1, high = Math.max(...T) + 1;
-      const rows = points.map(([t, fv]) => [t, fv]).concat(Array.from({ length: 30 }, (_, k) => [low + ((high - low) * k) / 29, null]));
+      const T = points.map(([t]) => t), low = Math.min(...T, 1) - 1, high = Math.max(...T, 49) + 1;  // the working range: what lies outside the law is missing
+      const rows = points.map(([t, fv]) => [t, fv]).concat(Array.from({ length: 51 }, (_, k) => [low + ((high - low) * k) / 50, null]));
       rows.sort((a, b) => a[0] - b[0]);
       const x = rows.map((row) => row[0]);
       const within = (t) => !known || line.range_c[j][0] == null || (t >= line.range_c[j][0] - line.margin_k && t <= line.range_c[j][1] + line.margin_k);

@@ -134,6 +134,16 @@ function fromProduction() {
     ...(next.replay === "when_needed" ? [[t("Next replay needed"), `${when} (${next.why})`]] : [])];
 }
 
+// which temperatures of 0 to 50 °C friction is known at, and which are missing
+function temperatures() {
+  const own = values.compensation && values.compensation.joints[chosen - 1];
+  if (!own) return [];
+  const span = (rows) => (rows.length ? `${number(rows[0].temperature_c, 0)}–${number(rows[rows.length - 1].temperature_c, 0)}` : null);
+  const rows = own.by_temperature, first = rows.findIndex((row) => !row.extrapolated), known = rows.filter((row) => !row.extrapolated);
+  const missing = first < 0 ? [span(rows)] : [span(rows.slice(0, first)), span(rows.slice(first + known.length))];
+  return [[t("Temperatures known"), `${span(known) || "–"} °C`], [t("Temperatures missing, of 0 to 50 °C"), missing.filter(Boolean).join(", ") || t("none")]];
+}
+
 function figures() {
   if (!chosen) return;
   worked();
@@ -152,6 +162,7 @@ function figures() {
       [t("Coulomb friction fc"), `${number(own.coulomb_nm, 2)} ± ${number(own.coulomb_std_nm, 2)} N·m`],
       [t("Viscous friction fv"), `${number(own.viscous_nm_s_per_rad, 2)} ± ${number(own.viscous_std_nm_s_per_rad, 2)} N·m·s/rad`],
       [t("Temperature, last replay"), `${number(own.temperature_c)} °C`],
+      ...temperatures(),
       ...(own.unseen_step == null ? [] : [[t("Fresh step"), t("one of the last {days} days may be unseen up to {percent} %", { days: number(own.unseen_step_days, 0), percent: number(100 * own.unseen_step, 0) })]]),
       ...(rippleOf(own) ? [[t("Gear ripple, mA at cycles a turn"), rippleOf(own)]] : []),
       ...(own.remaining_life.before_service_probability == null ? [] : [[t("Limit before the next service, {days} days", { days: about.life.service_days }), `${number(100 * own.remaining_life.before_service_probability, 0)} %`]]),
