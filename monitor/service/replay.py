@@ -105,7 +105,7 @@ class Monitor:
             log.info("replay=%d begins: %s, window %s", ledger_id, kind, rfc3339(window_unix_s), extra={"replay": ledger_id})
             self._assess_waiting(self._store.ledger.repair(self._now(), but=ledger_id))
             self._perform(ledger_id, -math.inf if closes_unix_s is None else closes_unix_s)
-            return self._ended(ledger_id)
+        return self._ended(ledger_id)  # whoever hears of the end may ask for the next one
 
     def borrow(self, due: DueReplay, waits: Callable[[], bool], passed: Callable[[Reason], None]) -> LedgerRow | Reason:
         """Wait for the program's node, and replay there: the row of that, or why the arm was not taken while `waits` was true.
