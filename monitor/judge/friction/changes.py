@@ -110,13 +110,21 @@ class Bank:
 
     def evidence(self, replays: Array, priors: ChangePriors) -> Array:
         """(H, C, 4, N) log of days·LR of each candidate, by sort. replays : (N,) ν."""
-        V, r = priors.variances, self.r[:, :, SHAPES]
-        precision = self.I[:, :, SHAPES] + 1.0 / V
+        V = priors.variances.reshape(2, -1, 1)  # (2, 2, 1) by shape; the sorts are shape by shape
         nu = np.maximum(replays, 1.0).astype(np.float32)
-        evidence = 0.5 * (nu + 1.0) * np.log1p(r**2 / (precision * nu)) - 0.5 * np.log(V * precision)
         days = np.log(np.maximum(self.days, 1e-30))[:, None] + np.log(np.array(priors.shares))[:, None]
-        together: Array = evidence + days.astype(np.float32)
-        return together
+        of = days.astype(np.float32) - 0.5 * np.log(priors.variances)
+        evidence = np.empty((len(self.r), *of.shape), np.float32)
+        for h, (r, I) in enumerate(zip(self.r, self.I, strict=True)):  # kind by kind, in place: it takes half the time  # noqa: E741
+            precision = I[:, :, None] + 1.0 / V
+            fit = (r * r / nu)[:, :, None] / precision
+            np.log1p(fit, out=fit)
+            fit *= 0.5 * (nu + 1.0)
+            np.log(precision, out=precision)
+            precision *= 0.5
+            fit -= precision
+            np.add(fit.reshape(of.shape), of, out=evidence[h])
+        return evidence
 
     def shares(self, replays: Array, priors: ChangePriors) -> tuple[Array, Array]:
         """Odds of a change against none (H, N), and the probability of each candidate given that one is true (H, C, 4, N).

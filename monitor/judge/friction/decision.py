@@ -89,14 +89,15 @@ class Odds(NamedTuple):
 def odds(p: Array, bank: Bank, replays: Array, use: Array, joints_per_arm: int, priors: ChangePriors, settings: DecisionSettings) -> Odds:
     """R and the change by now. p : (H, N) of the kinds of noise; replays : (N,) ν; use : (N,) usual days so far."""
     J = joints_per_arm
-    weight = np.exp(np.minimum(bank.evidence(replays, priors), 80.0))
+    weight = bank.evidence(replays, priors)
+    np.exp(np.minimum(weight, 80.0, out=weight), out=weight)
     unchanged = 1.0 / (1.0 + priors.a_year / 365.0 * weight.sum(axis=(1, 2)))
     weight *= p[:, None, None].astype(np.float32)
     most = weight.sum(axis=(0, 1, 2), dtype=float)
     R, change = np.stack([most, most]) / 2.0, np.zeros(len(most))
     near = np.repeat((most.reshape(-1, J + 1) >= settings.chance_days).any(axis=1), J + 1)  # elsewhere the sign is not worth its time
     if near.any():
-        h, c, k, n = np.nonzero(weight > np.where(near, LEAST_SHARE * most, np.inf))
+        h, c, k, n = np.nonzero(weight > np.where(near, LEAST_SHARE * most, np.inf).astype(np.float32))
         size, v = bank.sizes_at(h, c, k, n, priors)
         by_now, w = bank.effect_now(use)[c, k, n], weight[h, c, k, n]
         effect, std = size * by_now, np.sqrt(v) * by_now
