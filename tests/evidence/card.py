@@ -45,8 +45,8 @@ ROWS = {  # the texts by which the rows of each note are found on the card
     "life": ("P10–P90 of remaining", "P50 within 20 % of the truth"),
 }
 # not used while anything was chosen; the cards of 2021, 2026–2028, 4028, 4057, 6057, 81247, 90125, 141421, 161803, 173205, 223606,
-# 271828, 314159 and 577215 were read before later changes
-SEED = 662607
+# 271828, 314159, 577215 and 662607 were read before later changes
+SEED = 790201
 SLOW_PER_YEAR = 0.10  # wear up to this rate is undetected for months: its interval must hold without a detection
 REPLAYS, TESTS = 40, 12  # of each arm of full physics: for learning, and for predicting
 EXCITATION = Path("config/excitation/ur5-ground.json")
