@@ -87,7 +87,11 @@ def test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wr
     """`deploy-files` writes every file of `deploy/` that a machine needs, as it is but for the program's place; again only with --force."""
     assert ended("deploy-files", tmp_path / "a").returncode == 0
     written = {path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()}
-    packaging = {Path("Containerfile"), *(Path(f"try-{what}") for what in ("wheel", "deb", "commands")), *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir())}
+    packaging = {
+        Path("Containerfile"),
+        *(Path(f"try-{what}") for what in ("wheel", "deb", "commands")),
+        *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir()),
+    }
     assert written == {path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy").rglob("*") if path.is_file()} - packaging
     for name in written:
         shipped = (ROOT / "deploy" / name).read_text("utf-8")
