@@ -143,7 +143,10 @@ def test_the_law_drawn_is_the_one_that_predicts_torque(opened):
         T, _, law, above, below = (np.array(one, dtype=float) for one in drawn)
         says = line.at(np.repeat(T[:, None], 3, axis=1))
         value, std = says.value[:, joint - 1], says.std[:, joint - 1]
-        assert np.allclose(law, value)
+        known = ~np.isnan(law)  # the line is drawn where friction was learnt, the band from 0 to 50 °C
+        assert T[known].min() <= 8.0
+        assert T[known].max() >= 42.0
+        assert np.allclose(law[known], value[known])
         assert np.allclose(above, value + 2 * std)
         assert np.allclose(below, value - 2 * std)
 
