@@ -447,14 +447,14 @@ def test_a_clock_that_is_set_back_keeps_the_production_of_before_and_takes_back_
     assert max(cell["day"] for cell in information["cells"]) <= FIRST_DAY + 1
 
 
-def test_a_history_without_production_is_shown_without_reading_its_belief_for_it(plant: Plant, monkeypatch):
+def test_a_history_without_production_shows_none_and_its_schedule_reads_no_belief(plant: Plant, monkeypatch):
     def never(_: object) -> None:
         raise AssertionError("read")
 
+    assert "from_production" not in status.status_document(plant.configuration, plant.clock)
     monkeypatch.setattr(status, "belief_from_document", never)
     settings = replace(plant.configuration.schedule, replay="always")
     always = replace(plant.configuration, schedule=settings)
-    assert "from_production" not in status.status_document(plant.configuration, plant.clock)
     assert "needed" not in status.schedule_document(always, plant.clock, 1)
 
 
