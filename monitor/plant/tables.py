@@ -105,16 +105,15 @@ history = Table(  # an arm has another one after each restoration from a backup;
     Column("stored_cursor", BigInteger, nullable=False, server_default="0"),  # of the rows in `stored`
 )
 
-stored = (
-    Table(  # the rows that verdicts follow from, as the arm's own history holds them: what was judged, of what, and with which settings
-        "stored",
-        metadata,
-        Column("arm", BigInteger, primary_key=True, autoincrement=False),
-        Column("history", Integer, primary_key=True, autoincrement=False),
-        Column("of_table", Text, primary_key=True),
-        Column("row", Text, primary_key=True),
-        Column("content", LargeBinary, nullable=False),
-    )
+# the rows that verdicts follow from, as the arm's own history holds them: what was judged, of what, and with which settings
+stored = Table(
+    "stored",
+    metadata,
+    Column("arm", BigInteger, primary_key=True, autoincrement=False),
+    Column("history", Integer, primary_key=True, autoincrement=False),
+    Column("of_table", Text, primary_key=True),
+    Column("row", Text, primary_key=True),
+    Column("content", LargeBinary, nullable=False),
 )
 
 # partitions, a month each, in PostgreSQL; its key holds the time for that reason. The cursor keeps a transition from coming twice

@@ -22,7 +22,6 @@ ENOUGH = Sentence("campaign_enough", "{replays} replays were made; --most allows
 TIME_OVER = Sentence("campaign_time_over", "{hours:g} h are over; --hours allows no more")
 STOPPED = Sentence("campaign_stopped", "stopped on request: no further replay is asked for; one that is under way ends by itself")
 NOT_LEARNT = Sentence("campaign_not_learnt", "replay {replay} was {verdict}: {why}")
-REFUSED = Sentence("campaign_refused", "{why}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,21 +73,24 @@ def campaign(
     def ended(reason: Reason, *, steady: bool = False) -> Ended:
         return Ended(tuple(made), steady, reason)
 
-    while True:
+    def over() -> Reason | None:
         if should_stop():
-            return ended(STOPPED())
+            return STOPPED()
+        return TIME_OVER(hours=bounds.hours) if now() - began >= 3600.0 * bounds.hours else None
+
+    while True:
+        if (reason := over()) is not None:
+            return ended(reason)
         if len(made) >= bounds.most:
             return ended(ENOUGH(replays=len(made)))
         before = _newest(client)
         try:
             client.request_replay(by=by, why=why)
         except BadInput as error:
-            return ended(REFUSED(why=error.reason))
+            return ended(error.reason)
         while (found := _newest(client)) is None or found == before:
-            if should_stop():
-                return ended(STOPPED())
-            if now() - began >= 3600.0 * bounds.hours:
-                return ended(TIME_OVER(hours=bounds.hours))
+            if (reason := over()) is not None:
+                return ended(reason)
             sleep(ASK_EVERY_S)
         if found.verdict != "assessed":
             return ended(NOT_LEARNT(replay=found.replay or 0, verdict=found.verdict or "ended", why=found.reason or "no reason given"))
@@ -96,8 +98,6 @@ def campaign(
         tell(made[-1])
         if steady(made, bounds.steady_k):
             return ended(STEADY(kelvin=bounds.steady_k, minutes=SPAN_S / 60.0), steady=True)
-        if now() - began >= 3600.0 * bounds.hours:
-            return ended(TIME_OVER(hours=bounds.hours))
 
 
 def steady(made: Sequence[Made], within_k: float) -> bool:

@@ -90,18 +90,19 @@ class StoredLog:
         The second value is the number that the next page follows; None at the end.
         """
         page: list[StoredRow] = []
-        size = 0
+        size, columns = 0, dict[str, list[str]]()
         found = self._db.rows("SELECT seq, of_table, row FROM stored WHERE seq > ? ORDER BY seq LIMIT ?", (seq, limit + 1))
         for number, table, row in found[:limit]:
             if size > PAGE_BYTES:
                 break
-            page.append(StoredRow(int(number), table, row, self._content(table, row)))
+            if table not in columns:
+                columns[table] = [name for _, name, *_ in self._db.rows(f"PRAGMA table_info({table})")]
+            page.append(StoredRow(int(number), table, row, self._content(table, row, columns[table])))
             size += len(page[-1].content or b"")
         return page, page[-1].seq if len(page) < len(found) else None
 
-    def _content(self, table: str, row: str) -> bytes | None:
-        key, columns = COPIED[table], [name for _, name, *_ in self._db.rows(f"PRAGMA table_info({table})")]
-        found = self._db.rows(f"SELECT * FROM {table} WHERE {key} = ?", (row,))  # noqa: S608 - fixed names; the column's type converts
+    def _content(self, table: str, row: str, columns: list[str]) -> bytes | None:
+        found = self._db.rows(f"SELECT * FROM {table} WHERE {COPIED[table]} = ?", (row,))  # noqa: S608 - fixed names; the column's type converts
         return packed_row(dict(zip(columns, found[0], strict=True))) if found else None
 
 

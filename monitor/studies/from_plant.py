@@ -63,13 +63,6 @@ def belief_of(database: Database, of: PlantArm) -> dict[str, Any] | None:
     return found
 
 
-def provenances(database: Database) -> Iterator[tuple[str, dict[str, Any]]]:
-    """What verdicts were made with, and of which arm. Raises StoreError."""
-    for each in arms_of_plant(database):
-        for _, content in rows_of(database, each, "provenance"):
-            yield each.name, orjson.loads(unpacked_row(content)["document"])
-
-
 class Copy(NamedTuple):
     """An arm's history made anew, and the digest of the rows that it was made of."""
 

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
-from monitor.judge.assess import assess
 from monitor.judge.assessment import Assessment
 from monitor.judge.settings import AssessSettings
 from monitor.judge.torque.predictor import predict_torque
 from monitor.model.fourier import Excitation, excitation_from_document
-from monitor.model.robot import Mounting, Robot, load_robot
+from monitor.model.robot import Robot, load_robot
 from monitor.service.campaign import Made, steady
 from monitor.simulate.arm.friction import default_law
 from monitor.simulate.arm.thermal import Temperatures
@@ -31,6 +30,7 @@ from monitor.studies.figures import NINETY, SLIDING_RAD_S
 from monitor.studies.rehearsal.fleet import various
 
 from . import at_least_one
+from .torque import judged
 
 START_UNIX_S = 1_750_000_000.0
 EVERY_S = 60.0  # from one replay of a campaign to the next: approach, 10 s of motion, assessment
@@ -53,7 +53,7 @@ def study_arm(seed: int, excitation: Excitation, robot: str = "ur5") -> dict[str
             recording = stepped_replay(noisy, excitation)
             now = at + EVERY_S * len(made)
             recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=now))
-            last = _learnt(recording, arm, last)
+            last = judged(recording, arm, last, AssessSettings())
             alerts |= {(alert.joint, alert.condition) for alert in last.health.alerts if alert.active}
             made.append(Made(len(made), now, tuple(last.belief.temperature_c.tolist())))
             noisy.pass_time((EVERY_S - recording.duration_s) / 3600.0, room_c, 0.5)
@@ -67,21 +67,6 @@ def study_arm(seed: int, excitation: Excitation, robot: str = "ur5") -> dict[str
         "alerts": len(alerts),
         "tests": [_tested(quiet, arm, last, excitation, T) for T in TESTED_C],
     }
-
-
-def _learnt(recording: Any, arm: Robot, last: Assessment | None) -> Assessment:
-    outcome = assess(
-        recording,
-        robot=arm,
-        mounting=Mounting(),
-        belief=last.belief if last else None,
-        health=last.health if last else None,
-        settings=AssessSettings(),
-        model=last.model if last else None,
-    )
-    if not isinstance(outcome, Assessment):
-        raise BadInput(f"campaign study: a replay was rejected: {outcome.reason}")
-    return outcome
 
 
 def _tested(controller: Controller, robot: Robot, last: Assessment, excitation: Excitation, T: float) -> dict[str, Any]:

@@ -113,6 +113,22 @@ def study_arm(
     )
 
 
+def judged(recording: Recording, arm: Robot, last: Assessment | None, settings: AssessSettings) -> Assessment:
+    """The verdict that follows the last one. Raises BadInput where the replay is rejected."""
+    outcome = assess(
+        recording,
+        robot=arm,
+        mounting=Mounting(),
+        belief=last.belief if last else None,
+        health=last.health if last else None,
+        settings=settings,
+        model=last.model if last else None,
+    )
+    if not isinstance(outcome, Assessment):
+        raise BadInput(f"a simulated replay was rejected: {outcome.reason}")
+    return outcome
+
+
 def _learn(
     controller: Controller,
     arm: Robot,
@@ -133,22 +149,11 @@ def _learn(
         recording = stepped_replay(controller, excitation)
         recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=START_UNIX_S + day * DAY_S))
         began = clock()
-        outcome = assess(
-            recording,
-            robot=arm,
-            mounting=Mounting(),
-            belief=last.belief if last else None,
-            health=last.health if last else None,
-            settings=settings,
-            model=last.model if last else None,
-        )
+        last = judged(recording, arm, last, settings)
         slowest_s = max(slowest_s, clock() - began if day else 0.0)  # the first assessment imports and compiles what all of them use
-        if not isinstance(outcome, Assessment):
-            raise BadInput(f"torque study: replay {day} was rejected: {outcome.reason}")
-        last = outcome
         grease[day] = 0.5 * (before + controller.arm.temperatures.grease_c)
         by_law = _friction_by_law(controller, recording, grease[day], settings)
-        residual[day] = observe(outcome.identification, settings.drift).log_torque - np.log(by_law)
+        residual[day] = observe(last.identification, settings.drift).log_torque - np.log(by_law)
     if last is None:
         raise BadInput("torque study: no replay; expected one or more")
     return _Learnt(last.model, residual, grease, slowest_s)
