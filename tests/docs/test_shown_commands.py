@@ -37,6 +37,7 @@ NOT_RUN = {  # by the command, or by its first words
     "script-node": "asks a controller; the tests of the service run it",
     "replay": "moves an arm, in real time",
     "campaign": "asks a running daemon; the tests of the service run it",
+    "--install-completion": "writes into the start-up file of a person's shell",
     "record": "listens to an arm, in real time",
     "allow": "needs a stop that waits for a person",
     "try": "starts a daemon; the tests of the studies run it",

@@ -101,7 +101,7 @@ def test_a_registered_condition_is_on_the_page_and_in_the_documentation(overheat
     spec = importlib.util.spec_from_file_location("docs_reference", Path(__file__).parents[2] / "docs" / "site" / "reference.py")
     reference = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(reference)
-    row = "| `overheated` | advisory | `OFF_SPEC` | a joint is hotter than 70 °C in three replays in a row | Let the arm cool down. |"
+    row = "| `overheated` | advisory | Let the arm cool down. | a joint is hotter than 70 °C in three replays in a row | `OFF_SPEC` |"
     assert row in reference.alerts_page().splitlines()
 
 

@@ -329,6 +329,7 @@ def test_settings_that_cannot_be_tried_are_refused_by_name(tmp_path: Path, text:
         read_changes(path)
 
 
+@pytest.mark.flaky(reruns=1)  # Dask's own count of connections may fail its assertion while a client before it still closes
 def test_a_cluster_that_does_not_fit_is_refused_in_a_sentence(lived: Path, scheduler: str, tmp_path: Path, monkeypatch):
     """No scheduler, an address that is none, workers of another Python, of another version, or that do not reach the results."""
     import distributed
