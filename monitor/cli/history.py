@@ -1,6 +1,7 @@
 """The commands on the history: `schedule` (past and coming windows), `history`, `export`, `import`, and `query` in SQL."""
 
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,14 +25,16 @@ from monitor.cli.options import (
     print_json,
     refuse_overwriting,
 )
+from monitor.cli.plant import plant_database
 from monitor.errors import BadInput, StoreError
 
 if TYPE_CHECKING:
-    from monitor.service.history.query import Answer, Source
     from monitor.store.store import Store
+    from monitor.studies.query import Answer, Source
 
 ROWS_PER_READ = 10_000  # the store gives its history in pages of at most so many rows
 HISTORY_HELP = "An arm's history, a folder of many, or a plant's database; may be given again."
+PLANT_HELP = "A plant's file: the histories of all its arms, from its database."
 ARCHIVE_HELP = "s3://BUCKET/PREFIX or a folder: its recordings, without their histories."
 
 
@@ -187,6 +190,7 @@ def query(
         typer.Option("--config", "-c", help=CONFIG_HELP, envvar=CONFIG_VARIABLE, show_default=False),
     ] = None,
     history: Annotated[list[Path] | None, typer.Option(help=HISTORY_HELP, show_default=False)] = None,
+    plant: Annotated[Path | None, typer.Option(help=PLANT_HELP, show_default=False)] = None,
     archive: Annotated[str | None, typer.Option(help=ARCHIVE_HELP, show_default=False)] = None,
     endpoint: Annotated[str | None, typer.Option(help="Of the archive's server; else $AWS_ENDPOINT_URL.", show_default=False)] = None,
     limit: Annotated[int, typer.Option(min=1, max=10_000_000, help="At most so many rows of the answer.")] = 1000,
@@ -194,13 +198,18 @@ def query(
     as_json: JsonOption = False,
 ) -> None:
     """Ask histories and recordings in SQL (DuckDB); reads only, also while a daemon runs."""
-    from monitor.service.history.query import ask, plain, unique
+    from monitor.studies.query import PlantSource, ask, plain, unique
     from monitor.views.terminal.progress import status as status_line
 
     if csv and as_json:
         raise BadInput("--csv and --json are both given; expected one of them")
     sources = _sources(config or [], history or [], archive, endpoint)
-    with status_line(f"reading {len(sources)} sources"):
+    if not sources and plant is None:
+        raise BadInput("query: nothing to ask: expected --config FILE, --history FOLDER, --plant FILE or --archive ADDRESS")
+    with ExitStack() as opened:
+        if plant is not None:
+            sources.append(PlantSource(opened.enter_context(plant_database(plant, migrates=False))))
+        opened.enter_context(status_line(f"reading {len(sources)} sources"))
         answer = ask(sql, sources, limit)
     rows = [[plain(value) for value in row] for row in answer.rows]
     if as_json:
@@ -216,9 +225,9 @@ def query(
 
 
 def _sources(config: list[Path], history: list[Path], archive: str | None, endpoint: str | None) -> "list[Source]":
-    """What is asked, each once. Raises BadInput where nothing is named."""
-    from monitor.service.history.query import ArchiveSource, ArmSource, sources_at
+    """What is asked beside a plant, each once."""
     from monitor.store.archive.places import ArchiveSettings
+    from monitor.studies.query import ArchiveSource, ArmSource, sources_at
 
     found: dict[object, Source] = {}
     for path in config:
@@ -231,8 +240,6 @@ def _sources(config: list[Path], history: list[Path], archive: str | None, endpo
     if archive is not None:
         address = archive if "://" in archive else str(Path(archive).resolve())
         found[address] = ArchiveSource(ArchiveSettings(address=address, endpoint=endpoint or ""))
-    if not found:
-        raise BadInput("query: nothing to ask: expected --config FILE, --history FOLDER or --archive ADDRESS")
     return list(found.values())
 
 

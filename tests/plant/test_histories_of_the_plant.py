@@ -4,16 +4,22 @@ import json
 import sqlite3
 from types import SimpleNamespace
 
+import pyarrow
 import pytest
 from command_line import ended, printed
 from lived_monitor import configuration, identified, live_through
+from pyarrow import parquet
 from simulated import Way, refusing
 
+from monitor.errors import DOES_NOT_HOLD
 from monitor.plant.pull import pull
 from monitor.service.handlers import Handlers
+from monitor.store.archive.archive import Archive, key_of
+from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 from monitor.store.stored import COPIED, keep_log
 from monitor.studies.from_plant import arms_of_plant, history_of
+from monitor.studies.query import TABLES, ArmSource, PlantSource, ask
 
 NAMES = ("north/press", "south/saw")
 
@@ -66,6 +72,41 @@ def test_a_prior_of_the_plant_is_that_of_the_folders(folder, database, address, 
     assert of_plant == of_folders
     both = ended("prior", folder, "--plant", tmp_path / "plant.toml")
     assert (both.returncode, "either folders of histories, or --plant FILE" in both.stderr) == (2, True)
+
+
+def test_a_question_to_the_plant_has_the_answer_of_the_folders(folder, database, address, tmp_path, monkeypatch):
+    """Row by row, in all views; the samples of a recording come from the archive. A number that two arms have needs the arm's name."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    content = pyarrow.BufferOutputStream()
+    parquet.write_table(pyarrow.table({"timestamp": [0.0, 0.1], "actual_q_0": [1.0, 2.0]}), content)
+    content = content.getvalue().to_pybytes()
+    archive = Archive.open(ArchiveSettings(address=str(tmp_path / "archive")))
+    (tmp_path / "archive").mkdir()
+    for name in NAMES:
+        with Store.open(folder / name) as store:
+            at = store.assessments.judged()[6].recorded_at_unix_s
+            store.archived.note_place(archive.settings)
+            store.archived.add(7, archive.put(content, key_of(*name.split("/"), at, 7, content)), at)
+            address_of_7 = store.archived.of(7).address
+            reason = DOES_NOT_HOLD(condition="permit", why="the cell's door is open")
+            store.ledger.end(store.ledger.claim(5e9, "requested", 5e9), "skipped", reason, 5e9)
+    copy(database, folder)
+    plant_file(tmp_path, address)
+    of_folders = [ArmSource(folder / name, *name.split("/")) for name in NAMES]
+    for view, columns in TABLES.items():
+        named = ", ".join(name for name in columns if name not in ("history", "is_here"))
+        asked = f"SELECT {named} FROM {view} ORDER BY ALL"
+        expected = ask(asked, of_folders, 10_000)
+        assert len(expected.rows) >= {"friction": 500, "events": 4, "ledger": 94, "recordings": 88}[view]
+        assert ask(asked, [PlantSource(database)], 10_000) == expected
+    for which in ("'north/press/7'", "'press/7'", f"'{address_of_7}'"):
+        found = json.loads(
+            printed("query", "--plant", tmp_path / "plant.toml", f"SELECT sum(actual_q_0) AS s FROM replay({which})", "--json")
+        )
+        assert found["rows"] == [{"s": 3.0}]
+    for which, says in (("7", "2 arms have one of this number"), ("'press/8'", "there is no recording")):
+        wrong = ended("query", "--plant", tmp_path / "plant.toml", f"FROM replay({which})")
+        assert (wrong.returncode, says in wrong.stderr, "Traceback" in wrong.stderr) == (2, True, False)
 
 
 def test_a_copied_history_is_made_anew_to_the_last_bit(folder, database, tmp_path):

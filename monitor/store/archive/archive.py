@@ -78,10 +78,8 @@ class Archive:
             folder += f"{name}={value}/"
         for key, size in self._place.listed(folder):
             match = _KEY.fullmatch(key)
-            if match is None or any(value is not None and match[name] != value for name, value in wanted.items()):
-                continue
-            at = datetime.strptime(match["at"], _STAMP).replace(tzinfo=UTC).timestamp()
-            yield ArchivedRecording(key, match["site"], match["robot"], int(match["year"]), at, int(match["replay"]), match["digest"], size)
+            if match is not None and not any(value is not None and match[name] != value for name, value in wanted.items()):
+                yield recording_in(key, size)
 
     def read(self, key: str, digest: str = "") -> bytes:
         """The content of a recording, compared with the SHA-256 that its name and `digest` (its beginning, or all of it) say.
@@ -126,6 +124,14 @@ def split_address(address: str) -> tuple[str, str]:
     if not found or _KEY.fullmatch(f"site={rest}") is None:
         raise BadInput(f"{address}: is no recording of an archive; expected …/site=…/robot=…/year=…/TIME-replay-NUMBER-DIGEST.parquet")
     return root, f"site={rest}"
+
+
+def recording_in(key: str, size: int = 0) -> ArchivedRecording:
+    """The recording that a key names."""
+    match = _KEY.fullmatch(key)
+    assert match is not None
+    at = datetime.strptime(match["at"], _STAMP).replace(tzinfo=UTC).timestamp()
+    return ArchivedRecording(key, match["site"], match["robot"], int(match["year"]), at, int(match["replay"]), match["digest"], size)
 
 
 class RecordingCache:

@@ -17,8 +17,9 @@ from test_archive import configuration, drained, rejected, uploads_of
 from test_store import DAY, commit, replayed
 
 from monitor.errors import BadInput, StoreError
-from monitor.service.history.query import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, ask, plain, sources_at, unique
+from monitor.plant.database import Database
 from monitor.store.store import Store
+from monitor.studies.query import FIGURES, LIFE, TABLES, ArchiveSource, ArmSource, PlantSource, ask, plain, sources_at, unique
 
 duckdb = pytest.importorskip("duckdb", reason="DuckDB is absent: it is of the extra `archive`")
 ROOT = Path(__file__).parents[2]
@@ -225,8 +226,8 @@ def test_a_damaged_history_is_told_by_its_name(tmp_path: Path):
         plant.executemany("INSERT INTO friction (arm, history, replay, joint, recorded_at) VALUES (?, ?, ?, ?, ?)", rows)
         plant.commit()
     damage(tmp_path / "plant.sqlite")
-    with pytest.raises(StoreError, match=r"plant\.sqlite: cannot be read as a plant's database: .*malformed"):
-        answer("SELECT count(*) FROM friction", PlantSource(tmp_path / "plant.sqlite"))
+    with pytest.raises(StoreError, match=r"plant\.sqlite: .*malformed"):
+        answer("SELECT count(*) FROM friction", PlantSource(Database(tmp_path / "plant.sqlite")))
 
 
 def damage(path: Path) -> None:
@@ -274,7 +275,7 @@ def test_times_are_utc_beside_now_and_dates_too_whatever_the_zone_of_the_host():
     question = (
         """SELECT now() - now()::TIMESTAMP, TIMESTAMP '2026-07-01 12:00:00' = TIMESTAMPTZ '2026-07-01 12:00:00+00', strftime(now(), '%Z')"""
     )
-    text = f"from monitor.service.history.query import ask; print(ask({question!r}, [], 1).rows)"
+    text = f"from monitor.studies.query import ask; print(ask({question!r}, [], 1).rows)"
     done = subprocess.run(
         [sys.executable, "-c", text],
         env=os.environ | {"TZ": "America/New_York"},
@@ -311,8 +312,7 @@ def test_the_page_names_every_column():
 
 
 def test_a_plants_database_is_asked_like_a_history(tmp_path: Path):
-    """Friction and events of all arms; ledgers and recordings stay with the arms."""
-    from monitor.plant.database import Database
+    """Friction and events also of arms that hand over no rows: their ledgers stay with them."""
     from monitor.plant.tables import arm as arms
     from monitor.plant.tables import friction as figures
     from monitor.plant.tables import transition

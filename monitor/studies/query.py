@@ -1,7 +1,7 @@
 """Questions in SQL over histories and recordings: DuckDB asks tables that were read before, and can neither write nor reach a file.
 
-The tables are of one arm's history, of a plant's embedded database, of an archive. Each is read in one moment of its history and let go of
-before the question is asked: a daemon that writes is never held up.
+The tables are of one arm's history, of a plant's database, of an archive. Each is read in one moment of its history and let go of before
+the question is asked: a daemon that writes is never held up.
 """
 
 import decimal
@@ -22,24 +22,25 @@ import numpy as np
 import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
+import sqlalchemy as sa
 
-from monitor.errors import BadInput, StoreError
-from monitor.store.archive.archive import Archive, ArchivedRecording, RecordingCache, split_address
+from monitor.errors import BadInput
+from monitor.plant.database import Database
+from monitor.plant.settings import EMBEDDED
+from monitor.plant.tables import FIGURES, LIFE_FIGURES, arm, friction, stored, transition
+from monitor.store.archive.archive import Archive, ArchivedRecording, RecordingCache, recording_in, split_address
+from monitor.store.archive.archived import PLACE
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY, connected
 from monitor.store.store import Store
+from monitor.store.stored import unpacked_row
 
 if TYPE_CHECKING:
     import duckdb
 
 TEXT, WHOLE, NUMBER, TIME, FLAG = "VARCHAR", "BIGINT", "DOUBLE", "TIMESTAMP", "BOOLEAN"
 _ARM = {"site": TEXT, "robot": TEXT, "history": WHOLE}
-LIFE = {"trend_probability": NUMBER, "p10_days": NUMBER, "p50_days": NUMBER, "p90_days": NUMBER}  # of its remaining_life
-FIGURES = (  # of the document `friction`, by their published names
-    "coulomb_nm", "coulomb_std_nm", "viscous_nm_s_per_rad", "viscous_std_nm_s_per_rad", "temperature_c", "reference_speed_rad_s",
-    "reference_temperature_c", "reference_torque_nm", "reference_torque_std_nm", "wear", "wear_std", "wear_rate_per_day",
-    "wear_rate_std_per_day", "revolutions", "replay_torque_nm", "replay_torque_std_nm",
-)  # fmt: skip
+LIFE = dict.fromkeys(LIFE_FIGURES, NUMBER)
 TABLES: dict[str, dict[str, str]] = {  # column → DuckDB's type; times are UTC
     "friction": {**_ARM, "replay": WHOLE, "joint": WHOLE, "recorded_at": TIME, **dict.fromkeys(FIGURES, NUMBER), **LIFE},
     "events": {
@@ -108,29 +109,41 @@ class ArmSource:
 
 @dataclass(frozen=True, slots=True)
 class PlantSource:
-    """The plant's embedded database: friction and events of many arms. Ledgers and recordings stay with the arms."""
+    """A plant's database: the histories of many arms, as far as they are copied. Recordings are in the archive, or with the arms."""
 
-    path: Path
+    database: Database
 
     def rows(self, tables: Collection[str]) -> Batches:
         """The rows of the tables, all of one moment."""
-        with closing(connected(self.path, "ro", isolation_level=None)) as connection:
-            try:
-                connection.execute("BEGIN")
-                if "friction" in tables:
-                    columns = ", ".join(f"f.{name}" for name in ("replay", "joint", "recorded_at", *FIGURES, *LIFE))
-                    rows = connection.execute(f"SELECT site, robot, f.history, {columns} FROM friction f JOIN arm ON id = f.arm")  # noqa: S608
-                    yield from _batches("friction", rows)
-                if "events" in tables:
-                    found = connection.execute("SELECT site, robot, t.history, seq, at, document FROM transition t JOIN arm ON id = t.arm")
-                    events = ([site, robot, number, *_event(*event)] for site, robot, number, *event in _with_replay(found))
-                    yield from _batches("events", events)
-            except sqlite3.Error as error:
-                raise StoreError(f"{self.path}: cannot be read as a plant's database: {error}") from None
+        with self.database.read() as connection:
+            for table in tables:
+                yield from _batches(table, _PLANT_ROWS[table](connection.execution_options(yield_per=BATCH)))
 
-    def recording(self, which: str) -> Path | None:  # noqa: ARG002 - as the other sources
-        """None: recordings stay with the arms."""
-        return None
+    def recording(self, which: str) -> Path | None:
+        """The file of an archived recording, as `ArmSource.recording`. Raises BadInput where several arms have one of this number."""
+        *named, number = which.split("/")
+        if "/site=" in which:
+            found = recording_in(split_address(which)[1])
+            named, number = [found.site, found.robot], str(found.replay)
+        if not number.isdecimal() or len(named) > 2:
+            return None
+        of_arm = (stored.c.arm == arm.c.id) & (stored.c.history == arm.c.history)
+        rows = sa.select(arm.c.id, stored.c.content).join(stored, of_arm)
+        for column, name in zip((arm.c.robot, arm.c.site), reversed(named), strict=False):
+            rows = rows.where(column == name)
+        with self.database.read() as connection:
+            there = connection.execute(rows.where(stored.c.of_table == "archived", stored.c.row == str(int(number)))).all()
+            if len(there) > 1:
+                raise BadInput(f"query: replay('{which}'): {len(there)} arms have one of this number; name the arm: SITE/ROBOT/{number}")
+            noted = sa.select(stored.c.content).join(arm, of_arm).where(arm.c.id == (there[0][0] if there else None))
+            place = connection.execute(noted.where(stored.c.of_table == "note", stored.c.row == PLACE)).scalar_one_or_none()
+        row = unpacked_row(there[0][1]) if there else None
+        if row is None or ("/site=" in which and row["address"] != which):
+            return None
+        settings = ArchiveSettings(address=row["address"])
+        if place is not None:
+            settings = ArchiveSettings.from_document(orjson.loads(unpacked_row(place)["value"]))
+        return RecordingCache().fetched(settings, row["address"], row["sha256"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,27 +175,25 @@ Source = ArmSource | PlantSource | ArchiveSource
 def sources_at(path: Path) -> list[Source]:
     """What lies at a path: one arm's history, folders of such histories, or a plant's database. Raises BadInput where there is nothing."""
     if path.is_file():
-        return [_database(path)]
+        return [ArmSource(path.parent) if path.name == HISTORY else _plant(path)]
     if (path / HISTORY).is_file():
         return [ArmSource(path)]
     found: list[Source] = [ArmSource(each.parent) for each in sorted([*path.glob(f"*/{HISTORY}"), *path.glob(f"*/*/{HISTORY}")])]
-    found += [_database(each) for each in sorted([*path.glob("plant.sqlite"), *path.glob("*/plant.sqlite")])]
+    found += [_plant(each) for each in sorted([*path.glob(EMBEDDED), *path.glob(f"*/{EMBEDDED}")])]
     if not found:
-        raise BadInput(f"{path}: holds neither {HISTORY}, nor folders that do, nor plant.sqlite")
+        raise BadInput(f"{path}: holds neither {HISTORY}, nor folders that do, nor {EMBEDDED}")
     return found
 
 
-def _database(path: Path) -> Source:
-    if path.name == HISTORY:
-        return ArmSource(path.parent)
+def _plant(path: Path) -> PlantSource:
     with closing(connected(path, "ro", isolation_level=None)) as connection:
         try:
             tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
         except sqlite3.Error as error:
             raise BadInput(f"{path}: cannot be read as SQLite: {error}") from None
     if not {"arm", "friction", "transition"} <= tables:
-        raise BadInput(f"{path}: is no plant's database; expected plant.sqlite, or the folder of a history")
-    return PlantSource(path)
+        raise BadInput(f"{path}: is no plant's database; expected {EMBEDDED}, or the folder of a history")
+    return PlantSource(Database(path))
 
 
 def _batches(table: str, rows: Rows) -> Batches:
@@ -203,12 +214,6 @@ def _friction(connection: sqlite3.Connection, _: Path) -> Rows:
 def _events(connection: sqlite3.Connection, _: Path) -> Rows:
     for seq, at, replay, text in connection.execute("SELECT seq, at_unix_s, ledger_id, document FROM event ORDER BY seq"):
         yield _event(seq, at, replay, text)
-
-
-def _with_replay(rows: Iterator[Any]) -> Rows:
-    """A plant's transitions with their missing replay."""
-    for site, robot, number, seq, at, text in rows:
-        yield [site, robot, number, seq, at, None, text]
 
 
 def _event(seq: int, at: float, replay: int | None, text: str) -> list[Any]:
@@ -237,6 +242,57 @@ def _recordings(connection: sqlite3.Connection, directory: Path) -> Rows:
 
 
 _ARM_ROWS = {"friction": _friction, "events": _events, "ledger": _ledger, "recordings": _recordings}
+
+
+# --- the same rows of a plant's database: by columns as far as the plant has them, else from the copied rows of the arms' histories ---
+
+
+def _plant_friction(connection: sa.Connection) -> Rows:
+    columns = (friction.c[name] for name in ("replay", "joint", "recorded_at", *FIGURES, *LIFE))
+    asked = sa.select(arm.c.site, arm.c.robot, friction.c.history, *columns).join(arm, arm.c.id == friction.c.arm)
+    return map(tuple, connection.execute(asked))
+
+
+def _plant_events(connection: sa.Connection) -> Rows:
+    """An arm of an earlier release hands no rows over: its transitions are without their replay."""
+    t = transition.c
+    same = (stored.c.arm == t.arm) & (stored.c.history == t.history) & (stored.c.of_table == "event")
+    asked = sa.select(arm.c.site, arm.c.robot, t.history, t.seq, t.at, t.document, stored.c.content)
+    joined = asked.join(arm, arm.c.id == t.arm).join(stored, same & (stored.c.row == sa.cast(t.seq, sa.Text)), isouter=True)
+    for site, robot, number, seq, at, document, content in connection.execute(joined):
+        row: dict[str, Any] = {"ledger_id": None, "document": orjson.dumps(document).decode()} if content is None else unpacked_row(content)
+        yield [site, robot, number, *_event(seq, at, row["ledger_id"], row["document"])]
+
+
+def _plant_ledger(connection: sa.Connection) -> Rows:
+    for of, row in _copied(connection, "ledger"):
+        reason = None if row["reason"] is None else orjson.loads(row["reason"]).get("text")
+        times = (row["started_at_unix_s"], row["ended_at_unix_s"])
+        yield [*of, row["id"], row["window_unix_s"], row["kind"], row["state"], reason, *times]
+
+
+def _plant_recordings(connection: sa.Connection) -> Rows:
+    asked = sa.select(friction.c.arm, friction.c.history, friction.c.replay, friction.c.recorded_at).where(friction.c.joint == 1)
+    judged = {(number, history, replay): at for number, history, replay, at in connection.execute(asked)}
+    archived = {(*of, row["ledger_id"]): row for of, row in _copied(connection, "archived")}
+    ids = {(site, robot): number for number, site, robot in connection.execute(sa.select(arm.c.id, arm.c.site, arm.c.robot))}
+    for (site, robot, history), row in _copied(connection, "ledger"):
+        if (name := row["recording"]) is None:
+            continue
+        at = judged.get((ids[site, robot], history, row["id"]), row["window_unix_s"])
+        there = archived.get((site, robot, history, row["id"]), {})
+        remote = (there.get(name) for name in ("address", "sha256", "bytes", "verified_at_unix_s"))
+        yield [site, robot, history, row["id"], at, datetime.fromtimestamp(at, UTC).year, row["state"], name, False, *remote]
+
+
+def _copied(connection: sa.Connection, table: str) -> Iterator[tuple[tuple[str, str, int], dict[str, Any]]]:
+    """The copied rows of one table of the arms' histories: of which site, robot and history, and its columns."""
+    asked = sa.select(arm.c.site, arm.c.robot, stored.c.history, stored.c.content).join(arm, arm.c.id == stored.c.arm)
+    for site, robot, history, content in connection.execute(asked.where(stored.c.of_table == table)):
+        yield (site, robot, history), unpacked_row(content)
+
+
+_PLANT_ROWS = {"friction": _plant_friction, "events": _plant_events, "ledger": _plant_ledger, "recordings": _plant_recordings}
 
 
 # --- the question ----------------------------------------------------------------------------------
