@@ -1,5 +1,6 @@
 """The commands `assess`, which judges a series of recordings, and `rehearse`, which tries thresholds on a simulated fleet."""
 
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -198,9 +199,10 @@ def _assess_from_store(config: Path | None, *, others: bool, as_json: bool) -> N
 
 def reassess(
     histories: Annotated[
-        list[Path],
-        typer.Argument(metavar="HISTORY…", help="A history's folder, a folder of such, or an arm's TOML file.", show_default=False),
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="[HISTORY…]", help="A history's folder, a folder of such, or an arm's TOML file.", show_default=False),
+    ] = None,
+    plant: OfPlantOption = None,
     settings: Annotated[
         Path | None, typer.Option(help="TOML: its keys of assessment replace those of then; else as then.", show_default=False)
     ] = None,
@@ -224,10 +226,14 @@ def reassess(
         raise BadInput("--workers is of this machine's processes, --scheduler is of another cluster; expected one of them")
     if pictures is not None and pictures.exists() and not pictures.is_dir():
         raise BadInput(f"--pictures {pictures}: is a file; expected a folder")
+    one_of("reassess", histories, plant)
     changes = {} if settings is None else read_changes(settings)
     try:
-        with count_progress("reassess", "recordings") as show:
-            document = again(histories, results=results, changes=changes, scheduler=scheduler, workers=workers, show=show)
+        with ExitStack() as opened, count_progress("reassess", "recordings") as show:
+            database = None if plant is None else opened.enter_context(plant_database(plant, migrates=False))
+            document = again(
+                histories or [], plant=database, results=results, changes=changes, scheduler=scheduler, workers=workers, show=show
+            )
     except KeyboardInterrupt:
         typer.echo(f"joint-monitor: stopped; what is finished is kept in {results}: the same command goes on from there", err=True)
         raise typer.Exit(INTERRUPTED) from None

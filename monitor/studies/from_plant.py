@@ -56,11 +56,15 @@ def rows_of(database: Database, of: PlantArm, *tables: str) -> list[tuple[str, b
 
 def belief_of(database: Database, of: PlantArm) -> dict[str, Any] | None:
     """The document of what is believed of an arm; None before its first verdict. Raises StoreError."""
-    if not of.says_rows:
-        raise StoreError("the rows of its history are not copied: its monitor is of an earlier release, or the plant has not asked it yet")
+    _refuse_without_rows(of)
     rows = rows_of(database, of, "state")
     found: dict[str, Any] | None = orjson.loads(unpacked_row(rows[0][1])["belief"]) if rows else None
     return found
+
+
+def _refuse_without_rows(of: PlantArm) -> None:
+    if not of.says_rows:
+        raise StoreError("the rows of its history are not copied: its monitor is of an earlier release, or the plant has not asked it yet")
 
 
 class Copy(NamedTuple):
@@ -73,6 +77,7 @@ class Copy(NamedTuple):
 @contextmanager
 def history_of(database: Database, of: PlantArm) -> Iterator[Copy]:
     """The history of an arm in a folder of its own, as long as the context lasts. Raises StoreError."""
+    _refuse_without_rows(of)
     rows, digest = rows_of(database, of), hashlib.sha256()
     for table, content in rows:
         digest.update(f"{table} {len(content)} ".encode() + content)

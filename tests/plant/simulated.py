@@ -1,12 +1,17 @@
 """Small simulated plants, and what a copy of them must hold."""
 
+from types import SimpleNamespace
+
 import orjson
 import sqlalchemy as sa
 
 from monitor.errors import BadInput, BusError
 from monitor.plant.database import Database
+from monitor.plant.pull import pull
 from monitor.plant.tables import arm, friction, history, transition
 from monitor.publish.documents import Document, encoded
+from monitor.service.handlers import Handlers
+from monitor.store.store import Store
 
 BEGIN_UNIX_S = 1_767_571_200.0  # 2026-01-05
 ALERT = {
@@ -37,6 +42,21 @@ def refusing(text):
         raise BadInput(text)
 
     return refuse
+
+
+def copy(database, folder, names):
+    """Copy arms' histories by their own handlers."""
+    for name in names:
+        with Store.open(folder / name) as store:
+            handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=6), store=store), None)
+            way = Way({"history": handlers.history, "event": handlers.events})
+            pull(database, way, f"joint-monitor/v1/{name}", *name.split("/"), lambda: 5.0)
+
+
+def plant_file(folder, address):
+    path = folder / "plant.toml"
+    path.write_text(f'[plant]\ndatabase = "{address}"\n')
+    return path
 
 
 def copied(database: Database) -> dict[str, tuple[list[int], list[tuple[int, int]]]]:

@@ -9,7 +9,7 @@ import pytest
 from command_line import ended, printed
 from lived_monitor import configuration, identified, live_through
 from pyarrow import parquet
-from simulated import Way, refusing
+from simulated import Way, copy, plant_file, refusing
 
 from monitor.errors import DOES_NOT_HOLD
 from monitor.plant.pull import pull
@@ -22,21 +22,6 @@ from monitor.studies.from_plant import arms_of_plant, history_of
 from monitor.studies.query import TABLES, ArmSource, PlantSource, ask
 
 NAMES = ("north/press", "south/saw")
-
-
-def copy(database, folder, names=NAMES):
-    """Copy arms' histories by their own handlers."""
-    for name in names:
-        with Store.open(folder / name) as store:
-            handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=6), store=store), None)
-            way = Way({"history": handlers.history, "event": handlers.events})
-            pull(database, way, f"joint-monitor/v1/{name}", *name.split("/"), lambda: 5.0)
-
-
-def plant_file(folder, address):
-    path = folder / "plant.toml"
-    path.write_text(f'[plant]\ndatabase = "{address}"\n')
-    return path
 
 
 def tables(path):
@@ -90,7 +75,7 @@ def test_a_question_to_the_plant_has_the_answer_of_the_folders(folder, database,
             address_of_7 = store.archived.of(7).address
             reason = DOES_NOT_HOLD(condition="permit", why="the cell's door is open")
             store.ledger.end(store.ledger.claim(5e9, "requested", 5e9), "skipped", reason, 5e9)
-    copy(database, folder)
+    copy(database, folder, NAMES)
     plant_file(tmp_path, address)
     of_folders = [ArmSource(folder / name, *name.split("/")) for name in NAMES]
     for view, columns in TABLES.items():
@@ -111,13 +96,13 @@ def test_a_question_to_the_plant_has_the_answer_of_the_folders(folder, database,
 
 def test_a_copied_history_is_made_anew_to_the_last_bit(folder, database, tmp_path):
     """Of everything that a verdict follows from; also what changes and goes after it was copied once."""
-    copy(database, folder)
+    copy(database, folder, NAMES)
     with Store.open(folder / "north" / "press") as store:
         store.assessments.roll_back(store.assessments.judged()[-3].recorded_at_unix_s, None)
         store.notes.set("archive", json.dumps({"address": "s3://bucket/arms"}))
         store.notes.set("arm_serial", "of no copy")
-    copy(database, folder)
-    copy(database, folder)
+    copy(database, folder, NAMES)
+    copy(database, folder, NAMES)
     for arm in arms_of_plant(database):
         with history_of(database, arm) as made:
             own = tables(folder / arm.name / "history.sqlite")

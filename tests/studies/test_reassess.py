@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_line import ended, printed
 from once import once
+from simulated import copy, plant_file
 
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
@@ -20,6 +21,7 @@ from monitor.errors import BadConfiguration, BadInput, StoreError
 from monitor.judge.alerts.health import alert_document
 from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.friction.noise import NoisePriors
+from monitor.plant.database import Database
 from monitor.publish.queries import ServicedRequest
 from monitor.service.history.assess_and_store import assess_stored, load_state, state_after
 from monitor.service.history.maintenance import declare_maintenance
@@ -189,12 +191,53 @@ def test_a_recording_that_cannot_be_read_is_told_and_the_rest_is_judged(lived: P
     changes.write_text("[health]\nadvisory_rise = 0.02\n")
     result = ended("reassess", home, "--results", tmp_path / "results", "--scheduler", scheduler, "--settings", changes)
     assert result.returncode == 0, result.stderr
-    assert f"{DAYS - 2} of {DAYS} replays of 1 arms judged" in result.stdout
-    assert "2 replays have no recording" in result.stdout
-    assert "gone, " in result.stdout
+    assert f"{DAYS - 1} of {DAYS} replays of 1 arms judged" in result.stdout
+    assert "1 replays have no recording any more, and are judged of what was identified then" in result.stdout
+    assert "1 replays have no recording any more, and nothing" in result.stdout
     assert "replay 4: " in result.stdout
     assert "replay-000004.parquet: is not readable Parquet" in result.stdout
     assert "replay 7" not in result.stdout
+
+
+def without(document: dict, *names: str) -> dict:
+    """What two reassessments must have in common."""
+    return {key: value for key, value in document.items() if key not in ("cost", "results", *names)}
+
+
+def test_a_plants_database_says_what_the_folders_say_without_any_recording(
+    lived: Path, results: tuple[Path, dict], scheduler: str, tmp_path: Path
+):
+    """With the settings of then, and with other thresholds. What would be identified otherwise cannot be judged, and is named."""
+    address = f"sqlite:///{tmp_path / 'plant.sqlite'}"
+    database = Database(address)
+    database.migrate()
+    copy(database, lived, ("site=north/press", "site=south/press"))
+    database.close()
+    common = ("--results", tmp_path / "results", "--scheduler", scheduler)
+    of_plant = ("reassess", "--plant", plant_file(tmp_path, address), *common)
+    document = json.loads(printed(*of_plant, "--json"))
+    assert document["of_parts"] == DAYS + 2
+    assert without(document, "of_parts") == without(results[1], "of_parts")
+    assert document["cost"]["identify"]["bytes_read"] == 0
+    higher, other_filter = tmp_path / "higher.toml", tmp_path / "filter.toml"
+    higher.write_text("[health]\nadvisory_rise = 0.5\nwear_rise = 0.6\nlimit_rise = 0.7\n")
+    other_filter.write_text("[identify.signals]\ncutoff_hz = 7.0\n")
+    of_folders = json.loads(printed("reassess", lived, "--results", results[0], *common[2:], "--settings", higher, "--json"))
+    changed = json.loads(printed(*of_plant, "--settings", higher, "--json"))
+    assert changed["alerts"]["gone"] > 0
+    assert without(changed, "of_parts") == without(of_folders, "of_parts")
+    pruned = tmp_path / "pruned"
+    shutil.copytree(lived, pruned, ignore=shutil.ignore_patterns("recordings"))
+    assert without(json.loads(printed("reassess", pruned, *common, "--settings", higher, "--json"))) == without(changed)
+    said = printed(*of_plant, "--settings", other_filter)
+    assert f"{DAYS + 2} replays have no recording any more, and nothing that could be judged in its place" in said
+    for history in (tmp_path / "results" / "history").rglob("*"):
+        if history.is_file():
+            history.chmod(0o644)
+            history.unlink()
+    assert f"{DAYS + 2} of {DAYS + 2} replays of 2 arms judged" in printed(*of_plant, "--settings", higher), "it is kept there once more"
+    both = ended(*of_plant, lived)
+    assert (both.returncode, "either folders of histories, or --plant FILE" in both.stderr) == (2, True)
 
 
 def test_a_history_that_cannot_be_read_is_told_and_the_others_are_judged(lived: Path, scheduler: str, tmp_path: Path):
@@ -225,8 +268,8 @@ def test_recordings_that_only_the_archive_has_are_read_there_and_compared(lived:
         store.archived.note_place(archive.settings)
         for number, path in store.recordings.numbered():
             content = path.read_bytes()
-            copy = archive.put(content, key_of("lab", "press", BEGAN_S + (number - 1) * DAY_S, number, content))
-            store.archived.add(number, copy, BEGAN_S)
+            there = archive.put(content, key_of("lab", "press", BEGAN_S + (number - 1) * DAY_S, number, content))
+            store.archived.add(number, there, BEGAN_S)
             path.unlink()
     before = only_arm(lived / "site=south")
     after = only_arm(home)

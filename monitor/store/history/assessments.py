@@ -165,10 +165,17 @@ class Assessments:
 
     def identified(self, ledger_id: int) -> bytes | None:
         """What the verdict of a replay was made of; None where that was not kept."""
-        if not self._db.rows("SELECT 1 FROM sqlite_schema WHERE name = 'identified'"):  # no release that keeps it has written here yet
-            return None
-        rows = self._db.rows("SELECT document FROM identified WHERE ledger_id = ?", (ledger_id,))
+        rows = self._db.rows("SELECT document FROM identified WHERE ledger_id = ?", (ledger_id,)) if self._keeps_identified() else []
         return bytes(rows[0][0]) if rows else None
+
+    def identified_replays(self) -> list[int]:
+        """The replays of which that was kept."""
+        rows = self._db.rows("SELECT ledger_id FROM identified ORDER BY ledger_id") if self._keeps_identified() else []
+        return [int(number) for (number,) in rows]
+
+    def _keeps_identified(self) -> bool:
+        """Whether a release that keeps it has written here."""
+        return bool(self._db.rows("SELECT 1 FROM sqlite_schema WHERE name = 'identified'"))
 
     def checkpoint(self, ledger_id: int) -> State | None:
         """Belief and health after this assessment; None where they were not kept."""

@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from monitor.judge.maintenance import begin_maintenance, with_new_joints
 from monitor.judge.settings import AssessSettings
 from monitor.reason import reason_of
 from monitor.recording import DAY_S
-from monitor.service.history.assess_and_store import EstimatorState
+from monitor.service.history.assess_and_store import EstimatorState, read_parts
 from monitor.service.history.recompute import Change, Tally, Unjudged, amended, judge_day, repeat
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.history.events import AlertEvent
@@ -44,7 +43,8 @@ from monitor.studies.reassess.identify_month import (
     program,
 )
 from monitor.studies.reassess.identify_month import KIND as IDENTIFIED
-from monitor.studies.reassess.plan import PRUNED, Arm, replays_of, require_folder, settings_with
+from monitor.studies.reassess.opened import opened
+from monitor.studies.reassess.plan import PRUNED, Arm, identification_inputs, replays_of, settings_with
 
 SAME, EARLIER, LATER, GONE, NEW = "same", "earlier", "later", "gone", "new"
 UNKNOWN = "unknown"  # a replay said it that cannot be judged any more
@@ -244,8 +244,7 @@ def judge_arm(arm: Arm, addresses: Sequence[str], changes: Mapping[str, Any], pl
     """
     keep_memory()
     meter, results = Meter(), Results(place)
-    require_folder(Path(arm.history))
-    with Store.reader(Path(arm.history)) as store:
+    with opened(arm, results) as store:
         planned = {stored.replay for month in arm.months for stored in month.recordings}
         # a daemon may have gone on since the months were listed
         replays = [each for each in replays_of(store) if each.ledger_id in planned or each.made_with is None]
@@ -296,6 +295,7 @@ def _judged(store: Store, replays: Sequence[JudgedReplay], months: "_Months", ch
         "replays": len(replays),
         "judged": tracks.count,
         "newly_accepted": accepted,
+        "of_parts": judge.of_parts,
         "errors": judge.errors,
         "left_out": judge.left_out,
         "alerts": alerts,
@@ -313,6 +313,7 @@ class _Judge:
     def __init__(self, store: Store, months: "_Months", changes: Mapping[str, Any]) -> None:
         self.errors: list[dict[str, Any]] = []
         self.left_out = {"gone": 0, "changed": 0, "rejected": 0, "unknown_state": 0}
+        self.of_parts = 0  # that have no recording any more, judged of what the history has kept of their identification
         self._store, self._months, self._changes = store, months, changes
         self._settings: dict[str, AssessSettings] = {}
 
@@ -321,6 +322,8 @@ class _Judge:
         if replay.made_with is None:
             return self._gone("made before the settings of a verdict were kept with it")
         row, settings = self._months.replay(replay), self._settings_of(replay.made_with)
+        if row is not None and row.state == identify_month.GONE and row.reason == PRUNED:
+            row = self._kept(replay) or row
         if row is None or row.state == identify_month.GONE:
             if row is not None and row.reason != PRUNED:
                 self.errors.append({"replay": replay.ledger_id, "reason": row.reason})
@@ -346,6 +349,16 @@ class _Judge:
             return outcome
         self.left_out["rejected"] += 1
         return Unjudged("rejected", f"is rejected now: {'' if outcome is None else outcome.reason}")
+
+    def _kept(self, replay: JudgedReplay) -> IdentifiedReplay | None:
+        """A replay without a recording, as it was identified then; None where that is not kept, or would be identified otherwise now."""
+        made_with = self._store.assessments.provenance(str(replay.made_with))
+        content = self._store.assessments.identified(replay.ledger_id)
+        if content is None or identification_inputs(made_with, self._changes) != identification_inputs(made_with, {}):
+            return None
+        kept = read_parts(content)
+        self.of_parts += 1
+        return IdentifiedReplay(replay=replay.ledger_id, state=identify_month.IDENTIFIED, **kept._asdict())
 
     def _gone(self, reason: str) -> Unjudged:
         self.left_out["gone"] += 1
@@ -420,4 +433,5 @@ def _content(store: Store, replays: Sequence[JudgedReplay]) -> list[Any]:
     """What the history holds, as far as a verdict depends on it."""
     maintenance = [(row.id, row.undone_at_unix_s) for row in store.maintenance.rows()]
     amendments = [(each.id, each.at_unix_s) for each in store.maintenance.amendments()]
-    return [[list(each) for each in replays], store.events.range(), maintenance, amendments, [day.day for day in store.production.rows()]]
+    days, parts = [day.day for day in store.production.rows()], store.assessments.identified_replays()
+    return [[list(each) for each in replays], store.events.range(), maintenance, amendments, days, parts]

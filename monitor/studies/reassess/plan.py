@@ -12,6 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import orjson
+
 from monitor.config.files import find_prior
 from monitor.config.schema import FlowSettings, assess_sections, section_classes
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
@@ -20,12 +22,15 @@ from monitor.errors import ArchiveConflict, ArchiveUnavailable, BadInput, StoreE
 from monitor.judge.document import plain
 from monitor.judge.friction.settings import DriftSettings
 from monitor.judge.settings import AssessSettings
+from monitor.plant.database import Database
 from monitor.service.history.recompute import settings_from_document
 from monitor.store.archive.archive import Archive, split_address
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.backup import HISTORY
 from monitor.store.history.assessments import JudgedReplay
 from monitor.store.store import Store
+from monitor.store.stored import unpacked_row
+from monitor.studies.from_plant import PlantArm, arms_of_plant, rows_of
 
 
 def read_changes(path: Path) -> dict[str, Any]:
@@ -124,9 +129,10 @@ class Arm(NamedTuple):
     """One arm: its history, and its recordings."""
 
     name: str
-    history: str  # folder
+    history: str  # folder; empty: `kept` has it
     months: tuple[Month, ...]
     changes: dict[str, Any]  # of its settings
+    kept: str = ""  # address of a plant's copy among the results
 
     @property
     def recordings(self) -> int:
@@ -138,8 +144,9 @@ class Found(NamedTuple):
     """One arm's history, before its recordings are listed: those of a plant would fill a memory."""
 
     name: str
-    folder: str
+    folder: str  # empty: the plant has it
     recordings: int  # about
+    of_plant: PlantArm | None = None
 
 
 def histories(places: Sequence[Path], changes: Mapping[str, Any]) -> list[Found]:
@@ -163,20 +170,32 @@ def histories(places: Sequence[Path], changes: Mapping[str, Any]) -> list[Found]
     return listed
 
 
+def histories_of_plant(database: Database, changes: Mapping[str, Any]) -> list[Found]:
+    """The arms of a plant, as `histories`. Raises BadInput where the changes do not fit the settings of one, StoreError."""
+    arms = arms_of_plant(database)
+    for arm in arms if changes else ():
+        for _, content in rows_of(database, arm, "provenance"):
+            _refuse_unfitting(arm.name, orjson.loads(unpacked_row(content)["document"]), changes)
+    return [Found(arm.name, "", arm.replays, arm) for arm in arms]
+
+
 def _fitting(store: Store, name: str, changes: Mapping[str, Any]) -> int:
     """About how many recordings a history has. Raises BadInput where the changes do not fit its settings."""
     for digest in {replay.made_with for replay in store.assessments.judged()} - {None}:
-        try:
-            made_with = store.assessments.provenance(str(digest))
-            settings_with(made_with["settings"], for_arm(changes, made_with))
-        except BadInput as wrong:
-            raise BadInput(f"{name}: {wrong}") from None
+        _refuse_unfitting(name, store.assessments.provenance(str(digest)), changes)
     return sum(each.made_with is not None for each in replays_of(store))
 
 
-def arm_of(found: Found, changes: Mapping[str, Any]) -> Arm:
-    """An arm with its months. Raises StoreError where its history cannot be read, BadInput as `histories`."""
-    with Store.reader(Path(found.folder)) as store:
+def _refuse_unfitting(name: str, made_with: Mapping[str, Any], changes: Mapping[str, Any]) -> None:
+    try:
+        settings_with(made_with["settings"], for_arm(changes, made_with))
+    except BadInput as wrong:
+        raise BadInput(f"{name}: {wrong}") from None
+
+
+def arm_of(found: Found, changes: Mapping[str, Any], folder: Path | None = None) -> Arm:
+    """An arm with its months. folder : of a plant's copy. Raises StoreError where its history cannot be read, BadInput as `histories`."""
+    with Store.reader(Path(found.folder) if folder is None else folder) as store:
         newest = next((each.made_with for each in reversed(store.assessments.judged()) if each.made_with is not None), None)
         own = dict(changes) if newest is None else for_arm(changes, store.assessments.provenance(newest))
         return Arm(found.name, found.folder, tuple(_months(store, found.name, own)), own)

@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from monitor import __version__
 from monitor.errors import BadInput, MonitorError
+from monitor.plant.database import Database
+from monitor.studies.from_plant import history_of
 from monitor.studies.reassess.cluster import SchedulerLost, cluster, threads_of
 from monitor.studies.reassess.identify_month import Cost, Results, ResultsRefused, identify_month, whole, worker_facts
 from monitor.studies.reassess.judge_arm import counts, judge_arm
-from monitor.studies.reassess.plan import Arm, Found, arm_of, histories
+from monitor.studies.reassess.opened import keep_history
+from monitor.studies.reassess.plan import Arm, Found, arm_of, histories, histories_of_plant
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -55,8 +58,8 @@ class _Task(NamedTuple):
 class Reassessment:
     """Keeps the workers busy, a few tasks ahead of each; an arm is judged as soon as its months are identified."""
 
-    def __init__(self, client: "Client", place: str, changes: Mapping[str, Any], show: Show) -> None:
-        self._client, self._place, self._changes, self._show = client, place, dict(changes), show
+    def __init__(self, client: "Client", place: str, changes: Mapping[str, Any], show: Show, plant: Database | None = None) -> None:
+        self._client, self._place, self._changes, self._show, self._plant = client, place, dict(changes), show, plant
         self._open: dict[Future, _Task] = {}
         self._ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         self._arms: list[dict[str, Any]] = []
@@ -96,11 +99,20 @@ class Reassessment:
     def _tasks(self, found: Found) -> list[_Task]:
         """The months of an arm; of one without any, the arm itself; nothing of one whose history cannot be read any more."""
         try:
-            of = _Progress(arm_of(found, self._changes))
+            of = _Progress(self._arm(found))
+        except ResultsRefused:
+            raise
         except MonitorError as wrong:
             self._failed.append({"arm": found.name, "reason": str(wrong)})
             return []
         return [_Task(of, k) for k in range(len(of.arm.months))] or [_Task(of, None)]
+
+    def _arm(self, found: Found) -> Arm:
+        if found.of_plant is None or self._plant is None:
+            return arm_of(found, self._changes)
+        with history_of(self._plant, found.of_plant) as copy:
+            arm = arm_of(found, self._changes, copy.folder)
+            return arm._replace(kept=keep_history(copy, Results(self._place)))
 
     def _submit(self, task: _Task) -> None:
         arm = task.of.arm
@@ -179,13 +191,14 @@ OF_ALL = ("identical", "different", "not_recomputable")
 def reassess(
     places: Sequence[Path],
     *,
+    plant: Database | None = None,
     results: str,
     changes: Mapping[str, Any],
     scheduler: str | None = None,
     workers: int | None = None,
     show: Show = lambda *_: None,
 ) -> dict[str, Any]:
-    """Judge the past of all arms at or below these folders once more.
+    """Judge the past of all arms at or below these folders once more, or of all arms of a plant.
 
     results : folder or address of finished results. changes : of the settings, from `read_changes`; empty: today's program with the
     settings of each verdict. scheduler : of a Dask cluster; None: `workers` processes on this machine.
@@ -194,14 +207,14 @@ def reassess(
     what was finished by then is kept, and found by the next call.
     """
     results = whole(results)
-    found = histories(places, changes)
+    found = histories(places, changes) if plant is None else histories_of_plant(plant, changes)
     if not any(arm.recordings for arm in found):
-        raise BadInput(f"{places[0]}: no replay was judged yet; there is nothing to judge once more")
+        raise BadInput(f"{places[0] if plant is None else plant.name}: no replay was judged yet; there is nothing to judge once more")
     began = time.perf_counter()
     Results(results, make=True)
     with cluster(scheduler, workers, results) as client:
         around = _Around(client)
-        outcome = Reassessment(client, results, changes, show).run(found)
+        outcome = Reassessment(client, results, changes, show, plant).run(found)
         spent = around.spent()
     cost = _cost(outcome, {"took_s": time.perf_counter() - began, **spent})
     return _document(outcome, changes, results, cost) | {"processors": around.processors}
@@ -238,6 +251,7 @@ def _document(outcome: Outcome, changes: Mapping[str, Any], results: str, cost: 
         "judged": sum(arm["judged"] for arm in outcome.arms),
         "left_out": {name: sum(arm["left_out"][name] for arm in outcome.arms) for name in LEFT_OUT},
         "newly_accepted": sum(arm["newly_accepted"] for arm in outcome.arms),
+        "of_parts": sum(arm["of_parts"] for arm in outcome.arms),
         "alerts": counts(rows),
         "changed_alerts": [row for row in rows if row["change"] != "same"],
         "by_arm": [

@@ -30,13 +30,15 @@ def print_reassessment(document: dict[str, Any], pictures: Sequence[str] = ()) -
     if len(document["processors"]) > 1:
         say(f"computed on several kinds of processors, whose last digits may differ: {'; '.join(document['processors'])}")
     for name, text in (
-        ("gone", "have no recording any more"),
+        ("gone", "have no recording any more, and nothing that could be judged in its place"),
         ("changed", "have another recording than was made"),
         ("rejected", "are rejected"),
         ("unknown_state", "follow one of these, up to the next state that the history has kept"),
     ):
         if document["left_out"][name]:
             say(f"{document['left_out'][name]} replays {text}")
+    if document["of_parts"]:
+        say(f"{document['of_parts']} replays have no recording any more, and are judged of what was identified then")
     if document["newly_accepted"]:
         say(f"{document['newly_accepted']} replays that were rejected then are accepted")
     alerts = document["alerts"]
