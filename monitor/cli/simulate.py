@@ -58,7 +58,12 @@ def simulate(
     view: Annotated[bool, typer.Option("--view", help="Show the arm's state live in the terminal.")] = False,
     fault: Annotated[
         str | None,
-        typer.Option(metavar="'NAME key=value …'", help="Make a fault in the simulator that runs at --bind.", show_default=False),
+        typer.Option(
+            metavar="'NAME[:SEVERITY] key=value …'",
+            help="Make a fault in the simulator that runs at --bind. Joints, each with joint=3 and a severity of 0 to 1: backlash, "
+            "soft_gear, kinematic_error, bearing, aged_lubricant, dragging_brake, joint_encoder, motor_encoder, demagnetisation.",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
     """Be a UR controller made of software, for the unmodified ur-rtde, until Ctrl-C."""

@@ -16,6 +16,7 @@ from monitor.errors import BadInput, MonitorError
 from monitor.model.fourier import excitation_from_document
 from monitor.recording import Array, Recording
 from monitor.simulate import stepped
+from monitor.simulate.arm.damage import DAMAGES
 from monitor.simulate.controller.controller import Controller
 from monitor.simulate.wire.robot import ServedRobot
 
@@ -45,7 +46,8 @@ def truth(controller: Controller) -> dict[str, Any]:
         "revolutions": arm.wear.revolutions.tolist(),
         "run_in_factor": arm.run_in.factor.tolist(),
         "payload_kg": arm.payload_kg,
-        "drive_gain_nm_per_a": arm.gain_nm_per_a.tolist(),
+        "drive_gain_nm_per_a": arm.true_gain_nm_per_a.tolist(),
+        "damage": {name: each.tolist() for name, each in arm.damage.severity.items() if each.any()},
         "rotor_kg_m2": arm.rotor_kg_m2.tolist(),
         "friction_law": {name: getattr(law, name).tolist() for name in law.__dataclass_fields__},
         "robot_mode": int(modes.robot),
@@ -205,7 +207,8 @@ class Commands:
     async def _fault(self, request: dict[str, Any]) -> str:
         name = str(request.get("name"))
         said = self._controller.inject(name, {key: value for key, value in request.items() if key not in {"do", "name"}})
-        self.faults = [] if name in {"clear", "recover"} else [*self.faults, name]
+        if name not in DAMAGES:  # a damaged joint moves on, and replays are stepped as before
+            self.faults = [] if name in {"clear", "recover"} else [*self.faults, name]
         return said
 
     async def _shutdown(self, _: dict[str, Any]) -> str:

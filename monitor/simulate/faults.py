@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from monitor.errors import BadInput
+from monitor.simulate.arm.damage import DAMAGES
 from monitor.simulate.polyscope import Version
 
 
@@ -113,12 +114,13 @@ def checked(name: str, given: Mapping[str, Any], *, joints: int = 6) -> dict[str
 
 
 def parse(text: str) -> tuple[str, dict[str, Any]]:
-    """Parse a fault as it is typed on a command line: `NAME key=value …`. Returns its name and its arguments.
+    """Parse a fault as it is typed on a command line: `NAME[:severity] key=value …`. Returns its name and its arguments.
 
     Raises BadInput for a word without `=`, and for whatever `checked` refuses.
     """
     name, *words = text.split() or [""]
-    pairs = {}
+    name, colon, severity = name.partition(":")
+    pairs = {"severity": severity} if colon else {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
@@ -142,6 +144,7 @@ def parsed_version(text: str) -> Version:
 _SERVICE = Choice((*SERVICES, "all"), "rtde")
 _CONNECTION: dict[str, Kind] = {"service": _SERVICE, "connection": Number(0, CONNECTIONS_MAX, 0)}  # 0: all of them
 _JOINT = Number(1, 6)
+_DAMAGE: dict[str, Kind] = {"severity": Number(0, 1, 0.5), "joint": Number(1, 6, 3)}
 
 FAULTS: dict[str, Fault] = {
     "stall": Fault(about="no RTDE data for so long, then on as if nothing had been", arguments={"seconds": Number(1e-3, STALL_MAX_S)}),
@@ -233,6 +236,7 @@ FAULTS: dict[str, Fault] = {
             "seconds": Number(0, 3600, 0),
         },
     ),
+    **{name: Fault(about=about, arguments=_DAMAGE) for name, about in DAMAGES.items()},
     "clear": Fault(about="ends every lasting fault; a stop stays until somebody ends it"),
     "recover": Fault(about="somebody at the pendant: every lasting fault and every stop is over, power on, brakes released"),
 }

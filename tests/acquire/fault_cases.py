@@ -23,6 +23,7 @@ from monitor.errors import ReplayAborted, RobotUnreachable
 from monitor.model.fourier import Excitation
 from monitor.model.robot import Robot
 from monitor.recording import Context
+from monitor.simulate.arm.damage import DAMAGES
 from monitor.simulate.remote import Remote
 
 STOP_WITHIN_S = 0.25  # of the simulated arm's own clock, from the fault to the stop
@@ -149,6 +150,7 @@ HARMLESS = (
     _case("payload_changed", kg=0.0, x=0.1),  # conditions before a motion compare it, and the motion itself is the same
     _case("tcp_changed", z=0.1),
     _case("wrist_turned", turns=0),  # by no turn: an arm in motion cannot be turned by hand
+    *(_case(name, joint=3, severity=0.3) for name in DAMAGES),  # damage by which a joint moves on
     _case("clear"),
 )
 FAULTS = (*STOPPING, *HARMLESS)

@@ -1263,6 +1263,42 @@ SIMULATED_FAULTS: dict[str, tuple[str, ...]] = {  # each fault of the simulator;
         "simulate/test_sim_faults.py::test_an_obstacle_is_borne_by_the_drive_until_it_is_gone",
         "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
     ),
+    "backlash": (
+        "simulate/test_sim_damage.py::test_play_is_crossed_where_the_load_changes_its_side",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "soft_gear": (
+        "simulate/test_sim_damage.py::test_a_gear_yields_as_much_as_its_stiffness_says",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "kinematic_error": (
+        "simulate/test_sim_damage.py::test_a_kinematic_error_is_a_wave_of_two_periods_a_turn_of_the_motor",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "bearing": (
+        "simulate/test_sim_damage.py::test_balls_that_pass_a_defect_brake_so_often_as_geometry_says",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "aged_lubricant": (
+        "simulate/test_sim_damage.py::test_spent_grease_rubs_more_when_slow_and_less_when_fast",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "dragging_brake": (
+        "simulate/test_sim_damage.py::test_a_dragging_brake_rubs_whatever_load_and_temperature_are",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "joint_encoder": (
+        "simulate/test_sim_damage.py::test_an_encoder_off_its_centre_misreads_once_a_turn",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "motor_encoder": (
+        "simulate/test_sim_damage.py::test_an_encoder_off_its_centre_misreads_once_a_turn",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
+    "demagnetisation": (
+        "simulate/test_sim_damage.py::test_heat_weakens_magnets_for_good",
+        "acquire/test_fault_matrix.py::test_every_fault_at_every_moment_of_a_replay_is_survived",
+    ),
     "recover": ("studies/test_trial.py::test_a_stop_in_a_trial_ends_as_on_a_real_arm_and_is_over_when_somebody_has_recovered_the_arm",),
     "clear": (
         "simulate/test_sim_absurd.py::test_clear_restores_the_noise_of_the_settings",

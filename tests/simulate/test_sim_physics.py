@@ -46,6 +46,8 @@ def frictionless() -> FrictionLaw:
         viscous_per_k=zero,
         coulomb_per_k=zero,
         stiction=zero,
+        stribeck_rad_s=zero + 0.008,
+        drag_nm=zero,
     )
 
 

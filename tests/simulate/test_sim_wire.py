@@ -163,7 +163,7 @@ def test_faults_reach_the_wire(ur5):
             remote.fault("reset")
             with pytest.raises(ConnectionResetError):
                 drain(wire)
-        with pytest.raises(BadInput, match="known are brake"):
+        with pytest.raises(BadInput, match="known are aged_lubricant"):
             remote.fault("earthquake")
 
 

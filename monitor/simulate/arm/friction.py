@@ -1,11 +1,12 @@
 """The friction of the simulated joints. Its law is not among the laws that the monitor identifies.
 
-τ_f = w_c·[Fc(T) + c·|τ_link|]·(1 + σ·e^(−(q̇/v_s)²))·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
+τ_f = {w_c·[Fc(T) + c·|τ_link|] + d}·(1 + σ·e^(−(q̇/v_s)²))·sign(q̇) + w_v·e^(−k(T−25))·[Fv·(|q̇|)^p + fl·|q̇|]·sign(q̇)
 
-T is the temperature of the grease, w_c and w_v are the wear factors of dry and viscous friction. The bracket with σ is the Stribeck
-effect: the dry friction of a joint at rest is (1 + σ) times that of a joint that slides faster than v_s, so a joint that is pulled
-slowly by a soft drive sticks and slips. The concave shape follows the factory sweeps of a UR5e (p ≈ 0.52–0.63 there), the load term
-follows measurements of a UR10e. The magnitudes are those of the sweeps, scaled by the maximum torque of each joint.
+T is the temperature of the grease, w_c and w_v are the wear factors of dry and viscous friction, d is the drag of a brake, zero in a
+sound joint. The bracket with σ is the Stribeck effect: the dry friction of a joint at rest is (1 + σ) times that of a joint that slides
+faster than v_s, so a joint that is pulled slowly by a soft drive sticks and slips. The concave shape follows the factory sweeps of a UR5e
+(p ≈ 0.52–0.63 there), the load term follows measurements of a UR10e. The magnitudes are those of the sweeps, scaled by the maximum torque
+of each joint.
 """
 
 from dataclasses import dataclass
@@ -32,16 +33,18 @@ class FrictionLaw:
     viscous_per_k: Array  # k, relative decrease of viscous friction per kelvin
     coulomb_per_k: Array  # relative decrease of dry friction per kelvin; it is close to zero
     stiction: Array  # σ, what rest adds to dry friction, as a share of it
+    stribeck_rad_s: Array  # v_s
+    drag_nm: Array  # d, whatever wear, load and temperature are
 
     def dry(self, load_nm: Array, grease_c: Array, wear: Array) -> Array:
         """Dry friction far above the Stribeck speed, ≥ 0 [N·m]. All (…, J)."""
         warm = 1.0 - self.coulomb_per_k * (grease_c - REFERENCE_C)
-        result: Array = wear * (self.coulomb_nm * warm + self.load_factor * np.abs(load_nm))
+        result: Array = wear * (self.coulomb_nm * warm + self.load_factor * np.abs(load_nm)) + self.drag_nm
         return result
 
     def stribeck_factor(self, qd: Array) -> Array:
         """The Stribeck factor of dry friction: 1 + σ at rest, 1 in motion. All (…, J)."""
-        result: Array = 1.0 + self.stiction * np.exp(-((qd / STRIBECK_RAD_S) ** 2))
+        result: Array = 1.0 + self.stiction * np.exp(-((qd / self.stribeck_rad_s) ** 2))
         return result
 
     def viscous_coefficient(self, qd: Array, grease_c: Array, wear: Array) -> Array:
@@ -70,6 +73,8 @@ def default_law(robot: Robot) -> FrictionLaw:
         viscous_per_k=_pattern(robot.joints, [0.012, 0.016, 0.014, 0.019, 0.018, 0.015]),
         coulomb_per_k=np.full(robot.joints, 0.0008),
         stiction=_pattern(robot.joints, [0.10, 0.13, 0.11, 0.12, 0.09, 0.12]),
+        stribeck_rad_s=np.full(robot.joints, STRIBECK_RAD_S),
+        drag_nm=np.zeros(robot.joints),
     )
 
 

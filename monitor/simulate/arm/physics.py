@@ -14,13 +14,13 @@ import scipy
 
 from monitor.model.robot import Mounting, Robot
 from monitor.recording import Array
+from monitor.simulate.arm.damage import KNEE_C, OVERHEATED_K, Bearings, Damage, Gears
 from monitor.simulate.arm.friction import (
     PRODUCTION_LOAD,
     PRODUCTION_MOVING,
     PRODUCTION_SPEED_RAD_S,
     REFERENCE_C,
     SMOOTH_SPEED_RAD_S,
-    STRIBECK_RAD_S,
     FrictionLaw,
     RunIn,
     Wear,
@@ -88,6 +88,8 @@ SERVO_INTEGRAL_MAX_RAD_S2 = 40.0  # limit of the integral term: what friction ca
 # the same limit for the integral of the error
 SERVO_INTEGRAL_MAX_RAD_S = SERVO_INTEGRAL_MAX_RAD_S2 / (SERVO_RAD_S**2 * SERVO_INTEGRAL_PER_S)
 JAM_NM = 1e6  # friction of a joint that is stuck: far beyond any drive and any impact
+PARTS = 2  # of a servo period, where gears are elastic
+USUAL_RATIO = 101.0  # of gears whose ratio is not published
 STRAIN_SHARE = 0.8  # of dry friction: the servo of a standing arm pulls at most with this
 ROTOR_KG_M2_PER_NM = 0.0075  # rotor inertia at the joint per maximum torque; it gives 1.1 kg·m² for size 3
 # Kt·G of arms whose torque constants are not published: maximum torque of the joint [N·m], gain [N·m/A]. The figures are assumptions
@@ -122,18 +124,22 @@ class Arm:
     ) -> None:
         J = robot.joints
         self.robot, self.ambient_c = robot, ambient_c
-        self.law = law or default_law(robot)
+        self._sound_law = self.law = law or default_law(robot)
+        self.damage = Damage.none(J)
         self.thermal = thermal or default_thermal(robot)
         self.gain_nm_per_a = drive_gain(robot)
         self.rotor_kg_m2 = ROTOR_KG_M2_PER_NM * robot.max_torque_nm
-        self._copper = self.thermal.winding_ohm / self.gain_nm_per_a**2  # W per (N·m)²
+        self._gear_ratio = np.where(np.isnan(robot.gear_ratio), USUAL_RATIO, robot.gear_ratio)
         # arrays instead of numbers: at this size numpy takes twice as long for array·number as for array·array
         self._half, self._one = np.full(J, 0.5), np.ones(J)
         self._integral_top, self._integral_least = np.full(J, SERVO_INTEGRAL_MAX_RAD_S), np.full(J, -SERVO_INTEGRAL_MAX_RAD_S)
         self._step_s, self._h, self._half_h = 0.0, np.zeros(J), np.zeros(J)  # the last step's length, and the half of it
         self._stiffness, self._damping = np.full(J, SERVO_RAD_S**2), np.full(J, 2.0 * SERVO_RAD_S)
         self._patience = np.full(J, SERVO_INTEGRAL_PER_S)
-        self._stribeck, self._smooth = np.full(J, -1.0 / STRIBECK_RAD_S**2), np.full(J, SMOOTH_SPEED_RAD_S**2)
+        self._smooth = np.full(J, SMOOTH_SPEED_RAD_S**2)
+        self._gears: Gears | None = None  # None: no gear is damaged, and the arm is rigid
+        self._bearings: Bearings | None = None
+        self._misread = self._weak = False  # whether an encoder misreads, and whether a magnet is weak
 
         self.q, self.qd = q.astype(float), np.zeros(J)
         self.qdd = np.zeros(J)
@@ -155,7 +161,7 @@ class Arm:
         self.carry()
         self.torque_nm = pin.nonLinearEffects(self.model, self._data, self.q, self.qd).copy()  # the servo has held the arm
         self.torque_before_nm = self.torque_nm
-        self._update_friction()
+        self._update_damage()
 
     def carry(
         self,
@@ -186,6 +192,15 @@ class Arm:
     # --- motion ---------------------------------------------------------------------------------------------------
     def step(self, h: float, target: Target) -> None:
         """Compute one servo period of length h: computed torque with the assumed model, and a PID term for friction."""
+        if self._gears is None:
+            self._servoed(h, target)
+            return
+        part_s = h / PARTS  # the servo's damping is for motor and link, and a motor before a soft gear needs a faster drive
+        for i in range(PARTS):
+            later_s = (i + 0.5) * part_s - 0.5 * h
+            self._servoed(part_s, Target(target.q + later_s * target.qd, target.qd + later_s * target.qdd, target.qdd))
+
+    def _servoed(self, h: float, target: Target) -> None:
         M, n, q_m, v_m = self._middle(h)
         given, integral = self._servo(h, target, M, n, q_m, v_m)
         if integral is not None:
@@ -194,7 +209,7 @@ class Arm:
 
     def stand(self, h: float, target: Target) -> bool:
         """Make a step of any length if friction holds the arm; it is exact, because nothing moves. Returns False if the arm would move."""
-        if self._sliding or self._slide.any() or self.qd.any():
+        if self._sliding or self._slide.any() or self.qd.any() or self._gears is not None:
             return False
         q = self.q
         if self._rest_of is not q:
@@ -214,6 +229,9 @@ class Arm:
         return True
 
     def _servo(self, h: float, target: Target, M: Array, n: Array, q_m: Array, v_m: Array) -> tuple[Array, Array | None]:
+        if self._misread:
+            too_much, slope = self.damage.encoder(q_m, self._gear_ratio)
+            q_m, v_m = q_m + too_much, v_m * (1.0 + slope)
         error = target.q - q_m
         integral = np.minimum(np.maximum(self._integral + self._lengths(h)[0] * error, self._integral_least), self._integral_top)
         wanted = self._stiffness * (error + self._patience * integral) + self._damping * (target.qd - v_m) + target.qdd
@@ -223,8 +241,12 @@ class Arm:
         limit = self.robot.max_torque_nm
         asked = M.dot(wanted) + n
         if True in (np.abs(asked) > limit).tolist():
-            return np.minimum(np.maximum(asked, -limit), limit), None  # at the limit, the integral would wind up
-        return asked, integral
+            return self._driven(np.minimum(np.maximum(asked, -limit), limit)), None  # at the limit, the integral would wind up
+        return self._driven(asked), integral
+
+    def _driven(self, asked_nm: Array) -> Array:
+        """(J,) torque of the drives where the controller asks for this one."""
+        return self.damage.flux * asked_nm if self._weak else asked_nm
 
     def strain(self, held_nm: Array) -> None:
         """Let the servo of the standing arm pull with this torque (J,) beyond gravity, as after a motion; friction holds as much of it."""
@@ -255,13 +277,16 @@ class Arm:
         self.torque_before_nm = self.torque_nm
         self._integral = np.zeros_like(self.qd)
         self._slide, self._sliding = np.zeros_like(self.qd), False
+        if self._gears is not None:
+            self._gears.stop()
 
     def _middle(self, h: float) -> tuple[Array, Array, Array, Array]:
         half = self._lengths(h)[1]
         q_m = self.q + half * self.qd
         v_m = self.qd + half * self.qdd
-        M: Array = pin.crba(self.model, self._data, q_m)
-        n: Array = pin.nonLinearEffects(self.model, self._data, q_m, v_m)
+        x_m, w_m = (q_m, v_m) if self._gears is None else self._gears.links(self.q, half)
+        M: Array = pin.crba(self.model, self._data, x_m)
+        n: Array = pin.nonLinearEffects(self.model, self._data, x_m, w_m)
         return M, n.copy(), q_m, v_m
 
     def _lengths(self, h: float) -> tuple[Array, Array]:
@@ -277,16 +302,34 @@ class Arm:
         speed2 = v * v
         D = (self._one + self.law.stiction * np.exp(speed2 * self._stribeck)) * (self._dry_nm + self._dry_load * np.abs(load))
         half = h * (self._half_concave * (speed2 + self._smooth) ** self._power + self._half_linear)
-        A = M.copy(order="F")
-        A.flat[:: len(v) + 1] += half
-        free = torque - n
-        if self.contact is not None:
-            free = free + self.contact.torque_nm(q_m)
-        after = self._slide_or_stick(A, M.dot(v) - half * v + h * free, h * D)
-        self.qdd = (after - v) / h
-        self.friction_nm = free - M.dot(self.qdd)
+        if self._bearings is not None:
+            D = D + self._bearings.pulse_nm(q_m)
+        if self._gears is not None:
+            after = self._behind_gears(self._gears, step_s, torque, M, n, q_m, D, half)
+            self.qdd = (after - v) / h
+        else:
+            A = M.copy(order="F")
+            A.flat[:: len(v) + 1] += half
+            free = torque - n
+            if self.contact is not None:
+                free = free + self.contact.torque_nm(q_m)
+            after = self._slide_or_stick(A, M.dot(v) - half * v + h * free, h * D)
+            self.qdd = (after - v) / h
+            self.friction_nm = free - M.dot(self.qdd)
         self.q, self.qd = q_m + half_h * after, after
         self.torque_before_nm, self.torque_nm = self.torque_nm, torque
+
+    def _behind_gears(self, gears: Gears, h: float, torque: Array, M: Array, n: Array, q_m: Array, D: Array, half: Array) -> Array:
+        """(J,) speeds of the motors after a step in which they turn the links through elastic gears; friction is on the motors."""
+        v, (x_m, _) = self.qd, gears.links(self.q, self._half_h)
+        pressed = -n if self.contact is None else self.contact.torque_nm(x_m) - n
+        A, b = gears.reduced(M, (torque, pressed), v, q_m, x_m, h)
+        A.flat[:: len(v) + 1] += half
+        b -= half * v
+        after = self._slide_or_stick(np.asfortranarray(A), b, h * D)
+        gears.follow(v, after, h)
+        self.friction_nm = (b - A.dot(after) + half * (v + after)) / h
+        return after
 
     def _slide_or_stick(self, A: Array, b: Array, D: Array) -> Array:
         """The only v with A·v = b − s, |s| ≤ D, and s = D·sign(v) where v ≠ 0. Each argument is (J,), A is (J, J).
@@ -325,6 +368,48 @@ class Arm:
         thin = run_in * self.wear.viscous * np.exp(-self.law.viscous_per_k * (self.temperatures.grease_c - REFERENCE_C))
         self._half_concave, self._half_linear = 0.5 * thin * self.law.concave_nm, 0.5 * thin * self.law.linear_nm_s_per_rad
         self._power = 0.5 * (self.law.exponent - 1.0)
+        self._stribeck = -1.0 / self.law.stribeck_rad_s**2
+
+    # --- damage -------------------------------------------------------------------------------------------------
+    def damage_joint(self, name: str, joint: int, severity: float) -> None:
+        """Give one joint (0 … J−1) a fault of `damage.DAMAGES`, from 0, sound, to 1."""
+        self.damage.severity[name][joint] = severity
+        if name == "demagnetisation":  # by heat that is over
+            self.damage.flux[joint] = 1.0
+            self.damage.heat(np.where(np.arange(len(self.q)) == joint, KNEE_C + OVERHEATED_K * severity, KNEE_C))
+        self._update_damage()
+
+    def repair(self) -> None:
+        """All joints are sound again; wear stays."""
+        self.damage = Damage.none(self.robot.joints)
+        self._update_damage()
+
+    def _update_damage(self) -> None:
+        """Compute what depends on the faults of joints only."""
+        damage, size = self.damage, self.robot.max_torque_nm
+        self.law = damage.law(self._sound_law, size)
+        before, self._gears = self._gears, None
+        if damage.of_gears:
+            gears = Gears(damage, self.robot, self._gear_ratio, self.rotor_kg_m2)
+            self._gears = gears.rest(self.q, self.qd, self.load_nm, before)
+        bearing = damage.severity["bearing"]
+        self._bearings = Bearings(bearing, self.robot, self._gear_ratio) if bearing.any() else None
+        self._misread = any(damage.severity[name].any() for name in ("joint_encoder", "motor_encoder"))
+        self._weak = bool((damage.flux < 1.0).any())
+        self._copper = self.thermal.winding_ohm / self.true_gain_nm_per_a**2  # W per (N·m)²
+        self._update_friction()
+
+    @property
+    def true_gain_nm_per_a(self) -> Array:
+        """(J,) torque per current of these magnets; the controller reckons with `gain_nm_per_a` [N·m/A]."""
+        return self.damage.flux * self.gain_nm_per_a
+
+    def encoders(self) -> tuple[Array, Array]:
+        """(J,) position and speed as the encoders show them, without noise."""
+        if not self._misread:
+            return self.q, self.qd
+        too_much, slope = self.damage.encoder(self.q, self._gear_ratio)
+        return self.q + too_much, self.qd * (1.0 + slope)
 
     # --- heat and wear ------------------------------------------------------------------------------------------
     def settle(self, dt_s: float) -> None:
@@ -346,7 +431,7 @@ class Arm:
         friction_j, torque2_s, travel_rad, load_travel = self._sums
         motor_w = self._copper * torque2_s / elapsed + (self.thermal.idle_w if self.powered else 0.0)
         grease_w = np.maximum(friction_j, 0.0) / elapsed
-        self.temperatures = self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, elapsed)
+        self._become(self.thermal.step(self.temperatures, motor_w, grease_w, self.ambient_c, elapsed))
         travel = np.maximum(travel_rad, 1e-12)
         self.wear.use(travel / math.tau, load_travel / travel / self.robot.max_torque_nm)
         self.run_in.pass_by(elapsed, travel_rad)
@@ -355,27 +440,35 @@ class Arm:
         self._update_friction()
 
     def regrease(self, joint: int, recovery: float) -> None:
-        """Put new grease into one joint (0 … J−1): this share of its wear disappears."""
+        """Put new grease into one joint (0 … J−1): this share of its wear disappears, and of the lubricant's age."""
         self.wear.regrease(joint, recovery)
-        self._update_friction()
+        self.damage.severity["aged_lubricant"][joint] *= 1.0 - recovery
+        self._update_damage()
 
     def replace_joint(self, joint: int, friction_factor: float) -> None:
         """Replace a joint (0 … J−1) by a new one, as warm as the room, with this multiple of the unworn friction of the old one."""
         scale = np.ones(self.robot.joints)
         scale[joint] = friction_factor
-        law = self.law
-        self.law = replace(
+        law = self._sound_law
+        self._sound_law = replace(
             law, coulomb_nm=scale * law.coulomb_nm, concave_nm=scale * law.concave_nm, linear_nm_s_per_rad=scale * law.linear_nm_s_per_rad
         )
         self.wear.renew(joint)
         for node in self.temperatures:
             node[joint] = self.ambient_c
-        self._update_friction()
+        self.damage.renew(joint)
+        self._update_damage()
 
     def set_temperatures(self, temperatures: Temperatures) -> None:
         """Set the temperatures of the joints."""
-        self.temperatures = temperatures
+        self._become(temperatures)
         self._update_friction()
+
+    def _become(self, temperatures: Temperatures) -> None:
+        """Let the joints be so warm; magnets that are too hot lose flux."""
+        self.temperatures = temperatures
+        if self.damage.heat(temperatures.motor_c):
+            self._update_damage()
 
     def set_wear(self, joint: int, coulomb: float | None = None, viscous: float | None = None, per_revolution: float | None = None) -> None:
         """Set the wear factors of one joint (0 … J−1), and its growth per revolution. None keeps the present value."""
@@ -398,9 +491,9 @@ class Arm:
             left -= dt
             moving = duty * PRODUCTION_MOVING
             resisting = self.law.torque(speed, load, self.temperatures.grease_c, self.wear.coulomb, self.wear.viscous)
-            current = (load + resisting) / self.gain_nm_per_a
+            current = (load + resisting) / self.true_gain_nm_per_a
             motor_w = (self.thermal.idle_w if self.powered else 0.0) + moving * self.thermal.winding_ohm * current * current
-            self.temperatures = self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt)
+            self._become(self.thermal.leap(self.temperatures, motor_w, moving * resisting * speed, ambient_c, dt))
             self.run_in.pass_production(dt, duty)
             self.wear.use(moving * speed * dt / math.tau, np.full(self.robot.joints, PRODUCTION_LOAD))
         self._update_friction()

@@ -87,7 +87,8 @@ class Sensors:
         noise = self._block[self._next]
         self._next += 1
         speed, values = np.abs(arm.qd), np.empty(noise.shape)
-        values[0], values[1], values[2], values[3] = arm.q, arm.qd, arm.measured_torque_nm() / arm.gain_nm_per_a, arm.temperatures.motor_c
+        values[0], values[1] = arm.encoders()
+        values[2], values[3] = arm.measured_torque_nm() / arm.true_gain_nm_per_a, arm.temperatures.motor_c
         noise[2] *= self._one + np.minimum(self._ripple * speed, self._ripple_max)
         values += noise
         values *= PER_STEP

@@ -66,7 +66,7 @@ class Controller(Parts):
             self.arm.brake()
             self.arm.powered = False
         self.surroundings = surroundings
-        self.kinematics, self.reference = Kinematics(self.robot), Reference(self.robot, self.arm.q, settings.tick_s)
+        self.kinematics, self.reference = Kinematics(self.robot), Reference(self.robot, self.arm.encoders()[0], settings.tick_s)
         self.measurements = Measurements(self.arm, Sensors(self.robot, settings.seed, settings.tick_s, settings.current_noise))
         if before is None:
             self.arm.strain(self.personality.held_nm())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from monitor.errors import BadInput
+from monitor.simulate.arm.damage import DAMAGES
 from monitor.simulate.arm.physics import Arm, Contact
 from monitor.simulate.arm.reference import Reference
 from monitor.simulate.arm.sensors import SensorFaults
@@ -350,6 +351,14 @@ def _obstacle(parts: Parts, joint: int, torque: float, stiffness: float, seconds
     return f"joint {joint} is pushed with {torque:g} N·m against its motion; a wall before it has {stiffness:g} N·m/rad"
 
 
+def _damage(name: str) -> Effect:
+    def damage(parts: Parts, joint: int, severity: float) -> str:
+        parts.arm.damage_joint(name, joint - 1, severity)
+        return f"joint {joint}: {name} of severity {severity:g}; {DAMAGES[name]}"
+
+    return damage
+
+
 def _clear(parts: Parts) -> str:
     if "clear" in parts.wire:
         parts.wire["clear"]()
@@ -359,6 +368,7 @@ def _clear(parts: Parts) -> str:
     parts.identity.restore()
     parts.registers.digital_inputs = 0
     parts.arm.contact = None
+    parts.arm.repair()
     sensors = parts.measurements.sensors
     sensors.set_current_noise(parts.settings.current_noise)
     offset = sensors.faults.encoder_offset_rad
@@ -387,4 +397,4 @@ EFFECTS: dict[str, Effect] = {
         *(_protective_stop, _safeguard_stop, _emergency_stop, _emergency_release, _temperatures_frozen, _temperature_glitch),
         *(_current_stuck, _encoder_offset, _current_noise, _obstacle, _clear, _recover),
     )
-}
+} | {name: _damage(name) for name in DAMAGES}

@@ -160,4 +160,4 @@ class Safety:
 
     def _hold_where_the_arm_is(self) -> None:
         machine = self._machine
-        machine.reference.reset(machine.arm.q + machine.measurements.encoder_offset_rad)
+        machine.reference.reset(machine.measurements.encoder_q)

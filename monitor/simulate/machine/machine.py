@@ -117,7 +117,8 @@ class Measurements:
     @property
     def encoder_q(self) -> Array:
         """(J,) position of the arm as the encoders show it, without noise [rad]."""
-        return self._arm.q + self.encoder_offset_rad if self._shifted else self._arm.q
+        shown = self._arm.encoders()[0]
+        return shown + self.encoder_offset_rad if self._shifted else shown
 
     def true_target(self, target: Target) -> Target:
         """Where the servo drives the arm: the encoder offset subtracted from the target."""

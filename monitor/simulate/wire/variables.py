@@ -126,7 +126,7 @@ def _electric(controller: Controller) -> dict[str, Source | tuple[Source, int]]:
         "actual_current": array(controller, "measurements.latest.current"),
         "actual_current_as_torque": computed(6, lambda: measurements.latest.current * gain),
         "actual_current_window": constant(*window.tolist()),
-        "joint_control_output": computed(6, lambda: arm.torque_nm / gain),
+        "joint_control_output": computed(6, lambda: arm.torque_nm / arm.true_gain_nm_per_a),
         "actual_joint_voltage": (voltages, 2),
         "actual_main_voltage": voltages,
         "actual_robot_voltage": (voltages, 1),
