@@ -178,11 +178,17 @@ def forget(
 def user(
     name: Annotated[str, typer.Argument(help="As the audit shows it, e.g. ada@plant.example.")],
     role: Annotated[str | None, typer.Argument(help="look, acknowledge, move or configure.", show_default=False)] = None,
+    site: Annotated[
+        list[str] | None, typer.Option(help="The role holds at this site alone; may be given again.", show_default=False)
+    ] = None,
     config: PlantOption = None,
     remove: Annotated[bool, typer.Option("--remove", help="Take the user out; what he has open ends at once.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Let a person use the screen: writes a line of the users' file, and shows the token, once. Again: a new role and token."""
+    """Let a person use the screen, or a program the interface: writes a line of the users' file, and shows the token, once.
+
+    Again: a new role and token.
+    """
     from monitor.plant.screen.people import new_user, role_named
     from monitor.plant.screen.settings import put_user, take_user_out
 
@@ -196,9 +202,11 @@ def user(
         return
     if role is None:
         raise BadInput("plant user: expected NAME and ROLE: look, acknowledge, move or configure")
-    made, token = new_user(name, role_named(role))
+    made, token = new_user(name, role_named(role), site or ())
     put_user(path, made)
-    _say({"user": name, "role": role, "token": token}, f"{name} may {role}. The token, which is shown only now: {token}", as_json)
+    where = f" at {', '.join(made.sites)}" if made.sites else ""
+    document = {"user": name, "role": role, "sites": list(made.sites), "token": token}
+    _say(document, f"{name} may {role}{where}. The token, which is shown only now: {token}", as_json)
 
 
 def _say(document: dict[str, object], text: str, as_json: bool) -> None:

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from monitor.errors import BadInput
-from monitor.plant.screen.people import NEEDED, Person, Role, User, person_of_proxy, printable, read_users, user_of
+from monitor.plant.screen.people import NEEDED, Person, Role, User, digest, person_of_proxy, printable, read_users, user_of
 from monitor.plant.screen.settings import ScreenSettings
 from monitor.publish.session import prefix
 from monitor.views.web.access import OwnPages, Sessions, local_hosts
@@ -24,7 +24,9 @@ log = logging.getLogger(__name__)
 HERE = Person("this machine", Role.configure)  # where nobody must say who he is
 PROXY_HEADER = "x-proxy-secret"
 TELL_AGAIN_S = 60.0  # between two lines of the journal on a proxy without its secret
+SAME_TOKEN_S, MOST_WRONG = 3600.0, 1000  # a program that keeps asking with one wrong token is a line of the audit an hour
 LONGEST_ACT = 40  # letters of what somebody calls a command
+INTERFACE = "/api/v1"
 Audit = Callable[[str, str, str | None, str], None]  # who, act, robot, text
 
 
@@ -40,6 +42,7 @@ class PlantAccess(OwnPages):
         self._everybody = Role[everybody] if everybody else None
         self._file = settings.users_path(folder)
         self._told_at = -TELL_AGAIN_S
+        self._wrong: dict[str, float] = {}  # digests of wrong tokens of requests: when each was noted
         self._users_of: tuple[int, int] | None = None
         self._users: dict[str, User] = {}
         self._sessions = Sessions(f"joint-monitor-plant-{port}")
@@ -62,9 +65,12 @@ class PlantAccess(OwnPages):
         if self._from_proxy(request) and (found := self._of_proxy(request)) is not None:
             return found
         self._read_users()
+        if (token := bearer(request)) is not None:  # it alone counts then
+            user = user_of(token, self._users)
+            return None if user is None else user.person
         name, _, kept = (self._sessions.of(request) or "").partition(":")
         user = self._users.get(name)
-        return Person(user.name, user.role) if user is not None and user.digest == kept else None
+        return user.person if user is not None and user.digest == kept else None
 
     def _from_proxy(self, request: Request) -> bool:
         """Whether a proxy whose word is believed sends this: by its address, and by its secret where there is one."""
@@ -107,8 +113,18 @@ class PlantAccess(OwnPages):
         self.audit(user.name, "sign in", None, "by token")
         return True
 
+    def wrong_token(self, request: Request, token: str) -> None:
+        """Note that a request came with a token that nobody has."""
+        given, now = digest(token), time.monotonic()
+        if now - self._wrong.get(given, -SAME_TOKEN_S) < SAME_TOKEN_S:
+            return
+        while len(self._wrong) >= MOST_WRONG:
+            self._wrong.pop(next(iter(self._wrong)), None)
+        self._wrong[given] = now
+        self.audit(f"nobody ({self._address(request)})", "sign in", None, "refused: a token that nobody has")
+
     def may(self, request: Request, role: Role) -> bool:
-        """Whether whoever sends this has at least this role."""
+        """Whether whoever sends this has at least this role, at every site."""
         person = self.person(request)
         return person is not None and person.role >= role
 
@@ -134,17 +150,25 @@ class PlantAccess(OwnPages):
 
     def refusal(self, request: Request, command: str) -> str | None:
         """Why whoever sent the request may not send this command; it is noted in the audit. None: he may."""
-        person = self.person(request)
         needed = NEEDED.get(command)
         if needed is None:
             why = "this is done at the arm itself, by its own page or joint-monitor allow"
-        elif person is None:
+            self.refused(request, command, robot_of(request), why)
+            return why
+        return self.lacks(request, needed, command)
+
+    def lacks(self, request: Request, needed: Role, act: str) -> str | None:
+        """Why whoever sent the request has not this role where the request's arm is; it is noted in the audit. None: he has it."""
+        person, robot = self.person(request), robot_of(request)
+        site = None if robot is None else robot.partition("/")[0]
+        if person is None:
             why = "sign in first"
-        elif person.role < needed:
-            why = f"{person.name} may {person.role.name}; this needs the role {needed.name}"
+        elif person.at(site) < needed:
+            where = f" at {site}" if site is not None and person.sites else ""
+            why = f"{person.name} may {person.at(site).name}{where}; this needs the role {needed.name}"
         else:
             return None
-        self.refused(request, command, robot_of(request), why)
+        self.refused(request, act, robot, why)
         return why
 
     def note(self, request: Request, command: str, why: str) -> None:
@@ -205,9 +229,15 @@ def _lines(request: Request, name: str) -> list[str]:
     return found
 
 
+def bearer(request: Request) -> str | None:
+    """The token of `Authorization: Bearer`; None where there is none."""
+    scheme, _, token = request.headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else None
+
+
 def robot_of(request: Request) -> str | None:
-    """SITE/ROBOT of an arm's page, by the address that was routed; None elsewhere, and where no arm can have such a name."""
-    parts = str(request.scope["path"]).split("/")
+    """SITE/ROBOT of an arm's page, or of the interface, by the address that was routed; None elsewhere, and where no arm is named."""
+    parts = str(request.scope["path"]).removeprefix(INTERFACE).split("/")
     if len(parts) <= 4 or parts[1] != "arms":
         return None
     try:

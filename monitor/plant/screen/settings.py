@@ -7,7 +7,7 @@ from pathlib import Path
 
 from monitor.config.files import write_whole
 from monitor.errors import BadInput
-from monitor.plant.screen.people import Role, User, line_of, read_users, role_named
+from monitor.plant.screen.people import Grant, User, grant_named, line_of, read_users, role_named
 from monitor.views.language.catalogue import LANGUAGES
 from monitor.views.web.settings import SHORTEST_TOKEN, address_of, is_loopback
 
@@ -18,10 +18,10 @@ class ScreenSettings:
 
     listen: str = ""  # HOST:PORT, e.g. "127.0.0.1:8400"; empty: no screen
     language: str = "browser"  # of the screen: that which the browser asks for; or en, or de
-    users_file: str = ""  # lines NAME:ROLE:DIGEST, written by joint-monitor plant user; may begin with ${CREDENTIALS_DIRECTORY}
+    users_file: str = ""  # lines NAME:ROLE:DIGEST[:SITE,SITE], written by joint-monitor plant user; may begin with ${CREDENTIALS_DIRECTORY}
     proxies: tuple[str, ...] = ()  # addresses of a reverse proxy whose X-Forwarded-User and -Groups are believed (oauth2-proxy)
     proxy_secret: str = ""  # which the proxy sends with every request; any other process of its machine is not believed then
-    proxy_roles: tuple[str, ...] = ()  # "group:NAME=ROLE" or "user:NAME=ROLE"; "NAME=ROLE" is both
+    proxy_roles: tuple[str, ...] = ()  # "group:NAME=ROLE" or "user:NAME=ROLE"; "NAME=ROLE" is both; ROLE@SITE,SITE at these alone
     proxy_role: str = ""  # of everybody else whom the proxy lets through; empty: nothing
 
     def __post_init__(self) -> None:
@@ -70,14 +70,15 @@ class ScreenSettings:
         """Whether any process of this machine could name itself as a person of the proxy."""
         return not self.proxy_secret and any(ipaddress.ip_address(each).is_loopback for each in self.proxies)
 
-    def roles(self) -> dict[str, Role]:
-        """Roles by group or user of the proxy. Raises BadInput."""
-        found = {}
+    def roles(self) -> dict[str, list[Grant]]:
+        """Roles by group or user of the proxy; one name may have several, at several sites. Raises BadInput."""
+        found: dict[str, list[Grant]] = {}
         for each in self.proxy_roles:
             name, sign, role = each.rpartition("=")
             if not sign or not name:
                 raise BadInput(f'screen: proxy_roles: {each!r}; expected "GROUP=ROLE"')
-            found[name] = role_named(role)
+            role, limited, sites = role.partition("@")
+            found.setdefault(name, []).append(grant_named(role, sites.split(",") if limited else ()))
         return found
 
     def users_path(self, folder: Path) -> Path | None:
@@ -90,7 +91,7 @@ class ScreenSettings:
 # --- The file of users, line by line: one is put in or taken out, the others and every remark stay
 
 MODE = 0o640  # a digest is no token, but nobody else need see who may what
-HEAD = "# NAME:ROLE:DIGEST of the token; written by joint-monitor plant user\n"
+HEAD = "# NAME:ROLE:DIGEST of the token, and :SITE,SITE where it is limited to these; written by joint-monitor plant user\n"
 
 
 def put_user(path: Path, user: User) -> None:
