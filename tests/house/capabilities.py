@@ -224,14 +224,24 @@ PAGES: dict[str, tuple[str, ...]] = {  # each address of the arm's page and of t
     ),
     "plant /static/{name}": ("views/test_plant_browser.py::test_search_filters_and_keys",),
     "plant /words/{code}.js": ("views/test_plant_browser.py::test_search_filters_and_keys",),
-    "plant /api/arms": (
+}
+
+INTERFACE: dict[str, tuple[str, ...]] = {  # operations of the plant's interface, /api/v1
+    "listArms": (
         "plant/test_screen.py::test_the_list_is_compressed_for_whoever_can_read_it",
         "plant/test_screen.py::test_whatever_one_arm_says_the_screen_of_all_arms_is_drawn",
     ),
-    "plant /api/peers/{site}/{robot}/{joint:joint}": (
-        "views/test_plant_browser.py::test_a_joint_without_a_history_says_so_among_its_peers",
+    "readArm": ("plant/test_interface.py::test_an_arm_and_its_joints_are_read",),
+    "listJoints": ("plant/test_interface.py::test_an_arm_and_its_joints_are_read",),
+    "readHistory": ("plant/test_interface.py::test_a_history_is_paged_without_a_gap",),
+    "listPeers": ("views/test_plant_browser.py::test_a_joint_without_a_history_says_so_among_its_peers",),
+    "listAlerts": ("plant/test_interface.py::test_alerts_are_filtered_and_paged",),
+    "readAudit": ("plant/test_screen.py::test_who_may_see_what",),
+    "streamEvents": ("plant/test_interface.py::test_transitions_come_as_a_stream_and_nothing_is_lost_over_a_cut",),
+    **dict.fromkeys(
+        ("ack", "unack", "shelve", "unshelve", "serviced", "unserviced", "inspected", "uninspected"),
+        ("plant/test_interface.py::test_each_role_does_what_it_may_at_each_site_and_each_refusal_is_audited",),
     ),
-    "plant /api/audit": ("plant/test_screen.py::test_each_role_sends_the_commands_that_it_may_and_every_one_is_audited",),
 }
 
 USE_OF_THE_PAGES: dict[str, tuple[str, ...]] = {  # what a person does and sees there

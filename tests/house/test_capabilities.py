@@ -16,6 +16,7 @@ from monitor.errors import ReplayAborted
 from monitor.gateway.settings import CHANNELS
 from monitor.judge.alerts import conditions as of_alerts
 from monitor.model.friction import LAWS
+from monitor.plant.screen.interface import Guarded, Interface
 from monitor.publish.registry import KINDS
 from monitor.simulate.faults import FAULTS
 from tests.house import capabilities
@@ -47,6 +48,7 @@ REGISTERED = {
     "OBJECTIVES": set(OBJECTIVES),
     "SCENARIOS": {path.stem for path in (ROOT / "config" / "scenarios").glob("*.toml")},
     "SIMULATED_FAULTS": set(FAULTS),
+    "INTERFACE": {route.operation_id for route in Interface(*[None] * 6).application().routes if isinstance(route, Guarded)},
     "PAGES": {f"arm {route}" for route in routes("views")} | {f"plant {route}" for route in routes("plant")},
 }
 

@@ -121,8 +121,8 @@ def test_a_header_that_a_proxy_does_not_take_out_names_nobody(tmp_path, lines):
     settings = ScreenSettings(listen="127.0.0.1:0", proxies=("127.0.0.1",), proxy_roles=("ada=configure", "chiefs=configure"))
     with PlantOfATest(tmp_path, settings) as plant:
         host = plant.url.removeprefix("http://").rstrip("/")
-        assert " 200 " in raw(plant, "GET /api/audit HTTP/1.1", f"Host: {host}", "X-Forwarded-User: ada")
-        answer = raw(plant, "GET /api/audit HTTP/1.1", f"Host: {host}", *lines)
+        assert " 200 " in raw(plant, "GET /api/v1/audit HTTP/1.1", f"Host: {host}", "X-Forwarded-User: ada")
+        answer = raw(plant, "GET /api/v1/audit HTTP/1.1", f"Host: {host}", *lines)
         assert any(f" {status} " in answer for status in (400, 401)), answer
 
 

@@ -90,11 +90,12 @@ class PlantOfATest:
     """A database, arms and a screen. A context manager."""
 
     def __init__(self, folder, settings=None, arms=ARMS, roles=()):
-        """roles : of users who are made, each named as his role."""
+        """roles : of users who are made, each named as his role; move@hall-1: at this site alone."""
         self.tokens = {}
         lines = []
         for role in roles:
-            user, self.tokens[role] = new_user(f"{role}er", role_named(role))
+            name, _, site = role.partition("@")
+            user, self.tokens[role] = new_user(f"{name}er{site}", role_named(name), [site] if site else [])
             lines.append(line_of(user))
         if roles:
             (folder / "users").write_text("\n".join(lines) + "\n")

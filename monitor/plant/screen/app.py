@@ -1,4 +1,4 @@
-"""The screen and its server: the list of all arms, sign-in, the audit, and below /arms/SITE/ROBOT/ the page of each arm."""
+"""The screen and its server: the list of all arms, sign-in, the interface, and below /arms/SITE/ROBOT/ the page of each arm."""
 
 import asyncio
 import json
@@ -7,12 +7,8 @@ import time
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 from urllib.parse import parse_qs
 
-import sqlalchemy as sa
-from starlette.applications import Starlette
-from starlette.convertors import Convertor, register_url_convertor
 from starlette.requests import Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route
@@ -25,9 +21,9 @@ from monitor.plant.ingest import add_audit
 from monitor.plant.screen.access import PlantAccess
 from monitor.plant.screen.arm_page import ArmContent, Ways
 from monitor.plant.screen.fleet import Fleet
-from monitor.plant.screen.people import Role, printable
+from monitor.plant.screen.interface import Interface
+from monitor.plant.screen.people import printable
 from monitor.plant.screen.settings import ScreenSettings
-from monitor.plant.tables import audit
 from monitor.publish.session import prefix
 from monitor.publish.timestamps import rfc3339
 from monitor.views.language.catalogue import LANGUAGES
@@ -36,12 +32,11 @@ from monitor.views.web.server import WebServer, log
 from monitor.views.web.worded import Worded, with_headers
 
 OWN_STATIC = {"plant.js": "text/javascript", "plant.css": "text/css"}
-AUDIT_ROWS = 200
 OPEN_ARMS = 100  # pages of arms that are kept; the one that was looked at longest ago is dropped for a further one
 
 
 class Screen:
-    """The application. `starlette` is what a server serves; setting `closing` ends the streams of the arms' pages."""
+    """The application. `served` is what a server serves; setting `closing` ends every stream."""
 
     def __init__(self, database: Database, ways: Ways, access: PlantAccess, named_language: str) -> None:
         """`named_language` : setting [screen] language."""
@@ -57,18 +52,14 @@ class Screen:
         self._pages = Worded(static, named_language)
         self._index = own.joinpath("plant.html").read_text("utf-8")
         self._login = shared.joinpath("login.html").read_text("utf-8")
-        self.starlette = Starlette(
-            routes=[
-                Route("/", self._page),
-                Route("/login", self._sign_in, methods=["GET", "POST"]),
-                Route("/static/{name}", self._pages.file),
-                Route("/words/{code}.js", self._pages.words),
-                Route("/api/arms", self._list),
-                Route("/api/peers/{site}/{robot}/{joint:joint}", self._peers),
-                Route("/api/audit", self._audit),
-                Mount("/arms/{site}/{robot}", app=self._arm),
-            ]
-        )
+        self.served = Interface(database, self._fleet, ways, access, self._pages, self.closing).application()
+        self.served.router.routes += [
+            Route("/", self._page),
+            Route("/login", self._sign_in, methods=["GET", "POST"]),
+            Route("/static/{name}", self._pages.file),
+            Route("/words/{code}.js", self._pages.words),
+            Mount("/arms/{site}/{robot}", app=self._arm),
+        ]
 
     def rest(self) -> None:
         """Stop receiving from arms that nobody looks at."""
@@ -85,6 +76,7 @@ class Screen:
         about = {
             "who": person.name if person else "",
             "role": person.role.name if person else "",
+            "sites": {site: role.name for site, role in person.sites.items()} if person else {},
             "named": person is not None and self._access.names_people,
             "languages": LANGUAGES,
         }
@@ -111,47 +103,6 @@ class Screen:
             page = self._pages.in_words(self._login, request).replace("hidden", "", 1)
             return with_headers(Response(page, status_code=401, media_type="text/html"))
         return with_headers(response)
-
-    async def _list(self, request: Request) -> Response:
-        if (refusal := await self._refusal(request)) is not None:
-            return refusal
-        packs = "gzip" in request.headers.get("accept-encoding", "")
-        try:
-            body = await asyncio.to_thread(self._fleet.document, self._pages.language(request).code, packed=packs)
-            headers = {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"} if packs else {"Vary": "Accept-Encoding"}
-            return with_headers(Response(body, media_type="application/json", headers=headers))
-        except StoreError as error:
-            return with_headers(JSONResponse({"error": str(error)}, status_code=503))
-
-    async def _peers(self, request: Request) -> Response:
-        if (refusal := await self._refusal(request)) is not None:
-            return refusal
-        place = request.path_params
-        try:
-            found = await asyncio.to_thread(self._fleet.peers, *_named(place), place["joint"])
-        except KeyError:
-            return with_headers(JSONResponse({"error": "no such arm"}, status_code=404))
-        except StoreError as error:
-            return with_headers(JSONResponse({"error": str(error)}, status_code=503))
-        return with_headers(JSONResponse(found))
-
-    async def _audit(self, request: Request) -> Response:
-        """The newest lines of the audit, for whoever configures."""
-        if (refusal := await self._refusal(request)) is not None:
-            return refusal
-        if not self._access.may(request, Role.configure):
-            await asyncio.to_thread(self._access.refused, request, "audit", None, f"needs the role {Role.configure.name}")
-            return with_headers(JSONResponse({"error": f"this needs the role {Role.configure.name}"}, status_code=403))
-
-        def rows() -> list[dict[str, Any]]:
-            with self._database.read() as connection:
-                found = connection.execute(sa.select(audit).order_by(audit.c.id.desc()).limit(AUDIT_ROWS)).all()
-            return [{"at": rfc3339(row.at), "who": row.who, "act": row.act, "robot": row.robot, "text": row.text} for row in found]
-
-        try:
-            return with_headers(JSONResponse({"rows": await asyncio.to_thread(rows)}))
-        except StoreError as error:
-            return with_headers(JSONResponse({"error": str(error)}, status_code=503))
 
     async def _arm(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One arm's page, made at the first look."""
@@ -195,23 +146,6 @@ class Screen:
         return with_headers(JSONResponse({"error": self._access.unknown}, status_code=401))
 
 
-class _Joint(Convertor[int]):
-    """The number of a joint in an address."""
-
-    regex = "[1-8]"
-
-    def convert(self, value: str) -> int:
-        """From the address."""
-        return int(value)
-
-    def to_string(self, value: int) -> str:
-        """Into an address."""
-        return str(value)
-
-
-register_url_convertor("joint", _Joint())
-
-
 def _named(place: Mapping[str, str]) -> ArmName:
     """The arm of an address. Raises KeyError where no arm can have such a name."""
     try:
@@ -249,7 +183,7 @@ class ScreenServer(WebServer):
         if settings.believes_this_machine:
             log.warning("screen: proxies holds an address of this machine, and there is no proxy_secret: each process here can be anybody")
         self.screen = Screen(database, ways, access, settings.language)
-        self.serve(self.screen.starlette, self.screen.closing, "" if settings.knows_people else " (everybody of this machine)")
+        self.serve(self.screen.served, self.screen.closing, "" if settings.knows_people else " (everybody of this machine)")
 
 
 def _note(database: Database, who: str, act: str, robot: str | None, text: str) -> None:

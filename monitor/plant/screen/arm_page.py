@@ -38,6 +38,25 @@ ASSUMED_ROBOT = {"mounting": "ground", "payload_kg": 0.0, "tool": "?"}
 Ways = Callable[[ArmName], Sequence[Link]]  # the routers that answer and behind which an arm is
 
 
+def ask(ways: Ways, name: ArmName, key: str, about: Mapping[str, Any]) -> dict[str, Any]:
+    """An arm's answer. Raises BadInput where it does not answer."""
+    return command_arm(next(iter(ways(name)), None), name, key, about)
+
+
+def send(database: Database, ways: Ways, audit: Audit, name: ArmName, command: str, document: Mapping[str, Any]) -> dict[str, Any]:
+    """Send a command to an arm. What came of it stands in the audit. Raises BadInput where the arm refuses it."""
+    who, robot = str(document.get("by") or "this machine"), str(name)
+    about = ", ".join(f"{key} {document[key]}" for key in TOLD if document.get(key) is not None)
+    try:
+        refuse_doubled(database, name.site, name.robot)
+        answer = ask(ways, name, f"cmd/{command}", document)
+    except BadInput as error:
+        audit(who, command, robot, f"{about}: refused by the arm: {error}")
+        raise
+    audit(who, command, robot, about or "done")
+    return answer
+
+
 class Row(NamedTuple):
     """An arm in the database."""
 
@@ -100,7 +119,7 @@ class LiveValues:
 
     def ask(self, key: str, about: Mapping[str, Any]) -> Mapping[str, Any]:
         """The arm's answer. Raises BadInput where it does not answer."""
-        return command_arm(next(iter(self._ways(self._name)), None), self._name, key, about)
+        return ask(self._ways, self._name, key, about)
 
 
 class ArmContent:
@@ -111,7 +130,7 @@ class ArmContent:
 
     def __init__(self, name: ArmName, database: Database, ways: Ways, audit: Audit, language: str) -> None:
         """Raises KeyError where the plant knows no such arm, StoreError where the database does not answer."""
-        self._name, self._database, self._audit = name, database, audit
+        self._name, self._database, self._ways, self._audit = name, database, ways, audit
         self.language = language
         self.file_name = f"{name.site}-{name.robot}"
         self._row()
@@ -147,16 +166,7 @@ class ArmContent:
 
     def act(self, command: str, document: Mapping[str, Any]) -> Mapping[str, Any]:
         """Send a command to the arm. What came of it stands in the audit. Raises BadInput where the arm refuses it."""
-        who, robot = str(document.get("by") or "this machine"), str(self._name)
-        about = ", ".join(f"{key} {document[key]}" for key in TOLD if document.get(key) is not None)
-        try:
-            refuse_doubled(self._database, self._name.site, self._name.robot)
-            answer = self.bus.ask(f"cmd/{command}", document)
-        except BadInput as error:
-            self._audit(who, command, robot, f"{about}: refused by the arm: {error}")
-            raise
-        self._audit(who, command, robot, about or "done")
-        return answer
+        return send(self._database, self._ways, self._audit, self._name, command, document)
 
     def schedule(self) -> dict[str, Any]:
         """The next replay, the last windows as far as they are copied, and the last transitions of alerts, newest first."""

@@ -12,9 +12,9 @@ import sqlalchemy as sa
 
 from monitor import __version__
 from monitor.errors import StoreError
-from monitor.plant.arm import ArmName, HeardArm
+from monitor.plant.arm import MOST_JOINTS, ArmName, HeardArm
 from monitor.plant.database import Database
-from monitor.plant.status import PlantStatus, Ticket, arm_document, heard_arms, open_tickets, plant_status
+from monitor.plant.status import PlantStatus, Ticket, arm_document, open_tickets, plant_status
 from monitor.plant.tables import friction
 from monitor.publish.documents import Alert
 from monitor.publish.shown import alert_pill, person
@@ -30,11 +30,14 @@ ALERT_FIELDS = ("joint", "condition", "tier", "raised_at", "acknowledged_at", "a
 PEER_FIGURES = ("wear", "wear_std", "wear_rate_per_day", "reference_torque_nm")
 
 
+Tickets = Mapping[tuple[str, int | None, str], Ticket]  # by arm, joint and condition
+
+
 class _List(NamedTuple):
     """What was read at one moment."""
 
     status: PlantStatus | None  # None: nothing was read yet
-    tickets: Mapping[tuple[str, int | None, str], Ticket]
+    tickets: Tickets
     encoded: dict[str, tuple[bytes, bytes]]  # by language, plain and compressed; of those languages that somebody has asked for
 
     def encoded_in(self, code: str) -> tuple[bytes, bytes]:
@@ -60,6 +63,23 @@ class Fleet:
 
         packed : compressed. A browser asks for it every three seconds, and 1000 arms are 600 kB.
         """
+        return self._fresh().encoded_in(code)[packed]
+
+    def read(self) -> tuple[PlantStatus, Tickets]:
+        """The same before it is put into words. Raises StoreError."""
+        newest = self._fresh()
+        assert newest.status is not None
+        return newest.status, newest.tickets
+
+    def arm(self, name: ArmName) -> tuple[HeardArm, PlantStatus, Tickets]:
+        """One arm of it. Raises StoreError, and KeyError for an unknown arm."""
+        status, tickets = self.read()
+        found = next((each for each in status.arms if each.name == name), None)
+        if found is None:
+            raise KeyError(str(name))
+        return found, status, tickets
+
+    def _fresh(self) -> _List:
         age_s = time.monotonic() - self._read_at
         if age_s >= OLD_S:
             with self._reading:
@@ -67,7 +87,7 @@ class Fleet:
                     self._keep()
         elif age_s >= FRESH_S and self._reading.acquire(blocking=False):
             threading.Thread(target=self._read_in_background, name="fleet", daemon=True).start()
-        return self._newest.encoded_in(code)[packed]
+        return self._newest
 
     def _read_in_background(self) -> None:
         try:
@@ -85,34 +105,34 @@ class Fleet:
             newest.encoded_in(code)
         self._newest, self._read_at = newest, time.monotonic()
 
-    def peers(self, site: str, robot: str, joint: int) -> dict[str, Any]:
-        """The last figures of this joint and of the same joint of every arm of its model.
-
-        Raises StoreError, and KeyError for an unknown arm.
-        """
+    def newest(self, of: HeardArm) -> dict[int, Any]:
+        """The newest row of each joint of an arm. Raises StoreError."""
         with self._database.read() as connection:
-            arms = {each.name: each for each in heard_arms(connection, keys=("info",))}
-            model = arms[ArmName(site, robot)].model
-            found = []
-            for name, each in arms.items():
-                same = name == (site, robot)
-                if not same and (model is None or each.model != model):
-                    continue
-                newest = (
-                    sa.select(friction.c.recorded_at, *(friction.c[figure] for figure in PEER_FIGURES))
-                    .where(friction.c.arm == each.number, friction.c.history == each.histories, friction.c.joint == joint)
-                    .order_by(friction.c.recorded_at.desc())
-                    .limit(1)
-                )
-                figures = connection.execute(newest).one_or_none()
+            found = {joint: connection.execute(_newest(of, joint)).one_or_none() for joint in range(1, MOST_JOINTS + 1)}
+        return {joint: row for joint, row in found.items() if row is not None}
+
+    def peers(self, of: HeardArm, joint: int) -> dict[str, Any]:
+        """The last figures of this joint and of the same joint of every arm of its model. Raises StoreError."""
+        arms = [each for each in self.read()[0].arms if each.name == of.name or (of.model is not None and each.model == of.model)]
+        found = []
+        with self._database.read() as connection:
+            for each in arms:
+                figures = connection.execute(_newest(each, joint)).one_or_none()
                 if figures is not None:
                     values = {figure: getattr(figures, figure) for figure in PEER_FIGURES}
-                    found.append({**name._asdict(), "this": same, "recorded_at": rfc3339(figures.recorded_at), **values})
-        return {"model": model, "joint": joint, "peers": found}
+                    about = {"this": each.name == of.name, "recorded_at": rfc3339(figures.recorded_at)}
+                    found.append({**each.name._asdict(), **about, **values})
+        return {"model": of.model, "joint": joint, "peers": found}
 
 
-def listed(status: PlantStatus, tickets: Mapping[tuple[str, int | None, str], Ticket], say: Language) -> dict[str, Any]:
-    """The list in a language. tickets : by arm, joint and condition."""
+def _newest(of: HeardArm, joint: int) -> sa.Select[Any]:
+    """The newest row of a joint in an arm's present history."""
+    own = sa.select(friction).where(friction.c.arm == of.number, friction.c.history == of.histories, friction.c.joint == joint)
+    return own.order_by(friction.c.recorded_at.desc()).limit(1)
+
+
+def listed(status: PlantStatus, tickets: Tickets, say: Language) -> dict[str, Any]:
+    """The list in a language."""
     return {
         "not_running": None if status.not_running is None else say.say(status.not_running),
         "ways": status.ways,
@@ -122,21 +142,20 @@ def listed(status: PlantStatus, tickets: Mapping[tuple[str, int | None, str], Ti
     }
 
 
-def shown_arm(
-    arm: HeardArm, tickets: Mapping[tuple[str, int | None, str], Ticket], now_unix_s: float, say: Language = ENGLISH
-) -> dict[str, Any]:
+def shown_arm(arm: HeardArm, tickets: Tickets, now_unix_s: float, say: Language = ENGLISH) -> dict[str, Any]:
     """What the list shows of an arm."""
     return {
         **arm_document(arm, now_unix_s, say),
         "joints": [each.shown.pill.value for each in arm.joints],
         "alerts": [
-            _alert(each, tickets.get((str(arm.name), each.joint, each.condition)), arm.clock(now_unix_s), say)
+            shown_alert(each, tickets.get((str(arm.name), each.joint, each.condition)), arm.clock(now_unix_s), say)
             for each in arm.alerts[:MOST_ALERTS]
         ],
     }
 
 
-def _alert(alert: Alert, ticket: Ticket | None, now_unix_s: float, say: Language) -> dict[str, Any]:
+def shown_alert(alert: Alert, ticket: Ticket | None, now_unix_s: float, say: Language) -> dict[str, Any]:
+    """What the list shows of an alert. now_unix_s : by the arm's own clock."""
     return {
         **alert.model_dump(mode="json", include={*ALERT_FIELDS}),
         "pill": alert_pill(alert).value,

@@ -4,11 +4,12 @@ const PERIOD_MS = 3000, PATIENCE_MS = 20000, FEW_ALERTS = 5, MOST_ALERTS = 200, 
 const GRADES = { sick: N_("sick"), unseen: N_("not seen"), doubtful: N_("doubtful"), well: N_("well") };
 const about = JSON.parse($("about-data").textContent), TOKEN = document.querySelector("meta[name=page-token]").content;
 const TIERS = ["advisory", "wear", "limit"];
-const ROLES = ["look", "acknowledge", "move", "configure"], may = (role) => ROLES.indexOf(about.role) >= ROLES.indexOf(role);
+const ROLES = ["look", "acknowledge", "move", "configure"], may = (role, site) => ROLES.indexOf(about.sites[site] || about.role) >= ROLES.indexOf(role);
 let allAlerts = false, plant = JSON.parse($("arms-data").textContent), heard = Date.now(), clock = null, grade = "", pending = null, past = { marks: [], t: [] };
 const filters = { search: "", site: "", model: "" };
 
 const href = (arm) => `/arms/${encodeURIComponent(arm.site)}/${encodeURIComponent(arm.robot)}/?lang=${LANG}`;
+const API = "/api/v1/arms", of = (arm) => `${API}/${encodeURIComponent(arm.site)}/${encodeURIComponent(arm.robot)}`;
 const nameOf = (arm) => `${arm.site} / ${arm.robot}`;
 const shown = () => plant.arms.filter((arm) => (!filters.site || arm.site === filters.site) && (!filters.model || arm.model === filters.model)
   && filters.search.toLowerCase().split(/\s+/).every((word) => `${arm.site}/${arm.robot} ${arm.model || ""} ${arm.why || ""}`.toLowerCase().includes(word)));
@@ -124,7 +125,7 @@ function alertRow(arm, alert) {
     const name = t("ticket {number}", { number: alert.ticket.number || "?" });
     text.append(" ", alert.ticket.url ? make("a", name, { href: alert.ticket.url, rel: "noreferrer", class: "small" }) : make("span", name, { class: "dim small" }));
   }
-  if (may("acknowledge")) {
+  if (may("acknowledge", arm.site)) {
     const acts = alert.acknowledged_at ? [["shelve", t("Shelve…")]] : [["ack", t("Acknowledge…")], ["shelve", t("Shelve…")]];
     for (const [act, label] of acts) {
       const button = make("button", label, { type: "button", "data-act": `${act} ${nameOf(arm)} ${alert.joint} ${alert.condition}` });
@@ -158,7 +159,7 @@ function draw() {
 async function look() {
   if (document.hidden) return;
   try {
-    plant = await read("/api/arms");
+    plant = await read(API);
     heard = Date.now();
   } catch (error) { console.warn(error); }
   draw();
@@ -166,7 +167,7 @@ async function look() {
 
 // --- one joint among its peers ----------------------------------------------------------------------
 async function peers(arm, joint) {
-  const found = await read(`/api/peers/${encodeURIComponent(arm.site)}/${encodeURIComponent(arm.robot)}/${joint}`);
+  const found = await read(`${of(arm)}/joints/${joint}/peers`);
   const own = found.peers.find((one) => one.this), others = found.peers.filter((one) => one.wear != null);
   $("peers-h").textContent = t("{arm}, joint {number}, among {count} peers", { arm: nameOf(arm), number: joint, count: Math.max(0, found.peers.length - (own ? 1 : 0)) });
   if (!own || own.wear == null) { $("peers-text").textContent = t("Nothing is known of this joint yet."); $("peers-plot").replaceChildren(); return show(); }
@@ -221,11 +222,11 @@ $("form").addEventListener("submit", async (event) => {
   if (!about.named) localStorage.setItem("joint-monitor-name", request.by);
   $("ok").disabled = true;
   try {
-    const answer = await fetch(`/arms/${encodeURIComponent(arm.site)}/${encodeURIComponent(arm.robot)}/api/cmd/${command}?lang=${LANG}`, {
+    const answer = await fetch(`${of(arm)}/${command}?lang=${LANG}`, {
       method: "POST", credentials: "same-origin", headers: { "Content-Type": "application/json", "X-Page-Token": TOKEN }, body: JSON.stringify(request),
     });
     const reply = await answer.json();
-    if (!answer.ok) throw new Error(reply.error || String(answer.status));
+    if (!answer.ok) throw new Error(reply.detail || String(answer.status));
     $("dialog").close();
     setTimeout(look, 500);
   } catch (error) {
@@ -234,7 +235,7 @@ $("form").addEventListener("submit", async (event) => {
 });
 
 async function audit() {
-  const rows = (await read("/api/audit")).rows;
+  const rows = (await read("/api/v1/audit")).rows;
   $("audit").hidden = false;
   $("audit").querySelector("tbody").replaceChildren(...rows.map((one) => { const made = make("tr"); made.append(timed("td", one.at), make("td", one.who), make("td", one.act), make("td", one.robot || ""), make("td", one.text)); return made; }));
 }
@@ -261,7 +262,8 @@ $("theme").addEventListener("click", () => {
 });
 const kept = localStorage.getItem("joint-monitor-theme");
 if (kept === "light" || kept === "dark") document.documentElement.dataset.theme = kept;
-$("person").textContent = about.named ? t("{who}, may {role}", { who: about.who, role: t(about.role) }) : "";
+const at_sites = Object.entries(about.sites).map(([site, role]) => `; ${site}: ${t(role)}`).join("");
+$("person").textContent = about.named ? t("{who}, may {role}", { who: about.who, role: t(about.role) }) + at_sites : "";
 $("zone").textContent = t("Times are those of {zone}.", { zone: Intl.DateTimeFormat().resolvedOptions().timeZone });
 for (const [code, name] of Object.entries(about.languages)) if (code !== LANG) $("languages").append(make("a", name, { href: `/?lang=${code}`, lang: code, hreflang: code }));
 draw();
