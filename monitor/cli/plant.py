@@ -205,8 +205,8 @@ def user(
     made, token = new_user(name, role_named(role), site or ())
     put_user(path, made)
     where = f" at {', '.join(made.sites)}" if made.sites else ""
-    document = {"user": name, "role": role, "sites": list(made.sites), "token": token}
-    _say(document, f"{name} may {role}{where}. The token, which is shown only now: {token}", as_json)
+    said = f"{name} may {role}{where}. The token, which is shown only now: {token}"
+    _say({"user": name, "role": role, "sites": list(made.sites), "token": token}, said, as_json)
 
 
 def _say(document: dict[str, object], text: str, as_json: bool) -> None:
