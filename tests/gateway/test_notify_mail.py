@@ -59,6 +59,30 @@ def test_a_wear_alert_is_one_mail_that_says_what_where_and_what_to_do(plant, ser
     assert first["Message-ID"] != second["Message-ID"]
 
 
+def test_an_alert_that_has_come_and_gone_before_its_mail_is_told_as_over(plant, server):
+    """Nobody is sent to an arm for what is over: not by the subject, and not by something to do; what is not over comes first."""
+    plant.arm("hall/cell-1")
+    with plant.gateway(notify(server, to("ada"), gather_s=600)) as running:
+        plant.lives(running)
+        raised = plant.now = plant.now + HOUR_S
+        plant.happens("hall/cell-1", tier="limit")
+        plant.now += 60.0
+        plant.happens("hall/cell-1", "cleared", tier="limit", raised_unix_s=raised)
+        plant.lives(running, HOUR_S)
+        raised = plant.now = plant.now + HOUR_S
+        plant.happens("hall/cell-1", tier="limit")
+        plant.happens("hall/cell-1", joint=2, tier="advisory")
+        plant.now += 60.0
+        plant.happens("hall/cell-1", "cleared", tier="limit", raised_unix_s=raised)
+        plant.lives(running, HOUR_S)
+    (_, first), (_, second) = server.taken
+    assert first["Subject"] == "[over] hall/cell-1: Elbow turns 9 % heavier than at the beginning."
+    assert "To do" not in first.get_content()
+    assert second["Subject"].startswith("[notice] hall/cell-1: Shoulder")
+    assert second["Subject"].endswith("(and 1 more)")
+    assert second.get_content().count("To do") == 1
+
+
 def test_a_day_s_outage_of_the_mail_server_loses_and_doubles_nothing(plant, server):
     """What came meanwhile is one message when it answers again; the status tells the trouble."""
     plant.arm("hall/cell-1")

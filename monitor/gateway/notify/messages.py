@@ -1,6 +1,6 @@
 """What a message says: a subject that decides, a sentence for each transition, what to do, and a link. No I/O, no clock."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Any, NamedTuple
@@ -48,8 +48,10 @@ class Message:
 def alert_message(
     kind: str, transitions: Sequence[Transition], say: Language, zone: ZoneInfo, link: str, escalate_days: float = 0.0
 ) -> tuple[str, str]:
-    """Subject and text about these transitions, the gravest first."""
-    ordered = sorted(transitions, key=lambda each: (each.kind == CLEARED, -tier_gravity(each.tier), each.arm))
+    """Subject and text about these transitions, the gravest first; what has come and gone meanwhile is over."""
+    over = {each.alert_id for each in transitions if each.kind == CLEARED}
+    ordered = sorted(transitions, key=lambda each: (each.alert_id in over, -tier_gravity(each.tier), each.arm))
+    title = _title(ordered[0], say, len({each.alert_id for each in ordered}), over)
     arms = list(dict.fromkeys(each.arm for each in ordered))
     first = ordered[0]
     if kind == FLEET:
@@ -60,17 +62,17 @@ def alert_message(
             count=len(arms),
         )
     elif kind == ESCALATION:
-        subject = say.say("Nobody has acknowledged: {what}", what=_title(first, say, len(ordered)))
+        subject = say.say("Nobody has acknowledged: {what}", what=title)
         opening = say.say("Nobody has acknowledged this for {days} days.", days=f"{escalate_days:g}")
     elif kind == ALREADY:
-        subject = say.say("Active already: {what}", what=_title(first, say, len(ordered)))
+        subject = say.say("Active already: {what}", what=title)
         opening = say.say(
             "This was raised before anybody could be told, and nobody has acknowledged it. From now on you are told of changes."
         )
     else:
-        subject, opening = _title(first, say, len(ordered)), ""
+        subject, opening = title, ""
     parts = [opening] if opening else []
-    parts += ["\n".join(_paragraph(each, say, zone, link)) for each in ordered[:LISTED]]
+    parts += ["\n".join(_paragraph(each, say, zone, link, over)) for each in ordered[:LISTED]]
     if len(ordered) > LISTED:  # nobody reads so many, and nothing may be missing
         parts.append("\n".join(_line(each, say, zone) for each in ordered[LISTED:]))
     if link and len(arms) > 1:
@@ -78,8 +80,8 @@ def alert_message(
     return one_line(subject), "\n\n".join(parts) + "\n"
 
 
-def _title(first: Transition, say: Language, count: int) -> str:
-    mark = say.say("over") if first.kind == CLEARED else _tier(first.tier, say)
+def _title(first: Transition, say: Language, count: int, over: Collection[str]) -> str:
+    mark = say.say("over") if first.alert_id in over else _tier(first.tier, say)
     title = f"[{mark}] {first.arm}: {_said(first, say).headline}"
     return title if count == 1 else say.say("{title} (and {count} more)", title=title, count=count - 1)
 
@@ -96,14 +98,14 @@ def _kind(told: Transition, say: Language) -> str:
     return say.say(KINDS.get(told.kind, told.kind))
 
 
-def _paragraph(each: Transition, say: Language, zone: ZoneInfo, link: str) -> Iterable[str]:
+def _paragraph(each: Transition, say: Language, zone: ZoneInfo, link: str, over: Collection[str]) -> Iterable[str]:
     said = _said(each, say)
     yield f"{each.arm}: {said.headline}"
     yield say.say("Tier {tier}, {kind}, {at}.", tier=_tier(each.tier, say), kind=_kind(each, say), at=local(each.at_unix_s, zone))
     text = say.at(each.alert, "text")
     if text and text != said.headline:
         yield text
-    if said.due and each.kind != CLEARED:
+    if said.due and each.alert_id not in over:
         yield say.say("To do: {action}", action=said.due)
     if page := page_of(link, each):
         yield page

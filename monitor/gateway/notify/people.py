@@ -113,7 +113,8 @@ class People:
     def status(self) -> str:
         """How many people, and what waits."""
         failing = f", {self._failing} after an attempt that failed" if self._failing else ""
-        return f"{len(self._wishes)} addresses, {self._owed} deliveries wait{failing}"
+        people = f"{len(self._wishes)} address{'' if len(self._wishes) == 1 else 'es'}"
+        return f"{people}, {self._owed} {'delivery waits' if self._owed == 1 else 'deliveries wait'}{failing}"
 
     def close(self) -> None:
         """Nothing is open between two steps."""
