@@ -113,7 +113,8 @@ def read(
     A table has RTDE's names: `timestamp` [s], or times as dates, or its index; `actual_q_0` … `actual_q_5` [rad], and where there are such
     `actual_qd_0` … [rad/s], `actual_current_0` … [A] or `actual_torque_0` … [N·m], `joint_temperatures_0` … [°C] and more. A mapping may
     have one array (N, J) for all joints instead: `{"timestamp": t, "actual_q": q, …}`.
-    columns : the names in the order of the columns where the table has others, as the command's `--columns`.
+    columns : where the table has other names, as the command's `--columns`: `"timestamp=time,actual_q=position_{1..6}"`, or RTDE's
+    names in the order of the columns.
     rate_hz : rows a second, where it tells no time.
     recorded_at : when it was made; UTC where it names no zone. payload_kg, mounting, maintenance : what is declared of it; where nothing is
     declared, what the recording says itself. Raises BadInput.
