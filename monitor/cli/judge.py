@@ -268,14 +268,9 @@ def prior(
 ) -> None:
     """What a fleet's histories say of a new arm of the same model: temperature law and noise of each joint. Nothing is changed in them."""
     import json
-    import time
 
-    from monitor import __version__
     from monitor.config.files import write_whole
-    from monitor.judge.friction.settings import DriftSettings
-    from monitor.judge.temperature.laws import TemperatureSettings
-    from monitor.publish.timestamps import rfc3339
-    from monitor.studies.fleet_prior import arms_of, arms_of_plant, learn_prior
+    from monitor.studies.fleet_prior import arms_of, arms_of_plant, prior_document
     from monitor.views.terminal.progress import status
     from monitor.views.terminal.studies import print_prior
 
@@ -287,9 +282,7 @@ def prior(
         else:
             with plant_database(plant, migrates=False) as database:
                 arms, silent = arms_of_plant(database)
-    document = learn_prior(arms, DriftSettings(), TemperatureSettings())
-    document = {"made_at": rfc3339(time.time()), "software": f"joint-monitor {__version__}", **document}
-    document["learnt_from"]["left_out"] += silent
+    document = prior_document(arms, silent)
     if output is not None:
         write_whole(output, json.dumps(document, indent=1).encode() + b"\n", mode=0o644)
     if as_json:

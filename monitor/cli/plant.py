@@ -16,6 +16,7 @@ from monitor.errors import BadInput, StoreError
 
 if TYPE_CHECKING:
     from monitor.plant.database import Database
+    from monitor.plant.priors import ModelPrior
     from monitor.plant.settings import PlantConfiguration
 
 PlantOption = Annotated[
@@ -216,6 +217,13 @@ def _say(document: dict[str, object], text: str, as_json: bool) -> None:
         typer.echo(text)
 
 
+def _priors(address: "str | Path") -> "list[ModelPrior]":
+    """Of the plant; its own process alone loads what learns."""
+    from monitor.studies.fleet_prior import priors_of_plant
+
+    return priors_of_plant(address)
+
+
 def _serve(configuration: "PlantConfiguration") -> None:
     from monitor.plant.run import serve
     from monitor.service.systemd import log_as_a_service
@@ -223,7 +231,7 @@ def _serve(configuration: "PlantConfiguration") -> None:
     log_as_a_service("plant", "plant")
     for name in configuration.overrides:
         logging.getLogger("monitor").warning("the environment stands in for the file: %s", name)
-    serve(configuration)
+    serve(configuration, _priors)
 
 
 def simulate_plant(

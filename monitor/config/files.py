@@ -16,6 +16,8 @@ from monitor.judge.friction.prior import FleetPrior, prior_from_document
 from monitor.model.fourier import Excitation, excitation_from_document
 from monitor.model.robot import Mounting, load_robot
 
+OF_PLANT = "plant"  # [drift] prior: no file; the daemon asks the plant
+
 
 def shared_file(name: str) -> Path:
     """A file of `config/`, from the checkout or from the installed wheel.

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 from annotated_types import Interval
 
-from monitor.config.files import find_cell, find_excitation, find_prior
+from monitor.config.files import OF_PLANT, find_cell, find_excitation, find_prior
 from monitor.config.schema import Configuration, RobotSettings, assess_sections, section_classes, text_keys
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
@@ -119,7 +119,7 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[Mistake]
             name = chosen.excitation or f"{robot.model}-{robot.mounting}"
             excitation = _checked(mistakes, ("replay", "excitation"), lambda: find_excitation(name, path.parent))
         drift, prior = sections["drift"], named.get("drift")
-        if drift and prior and known:
+        if drift and prior and known and prior.prior != OF_PLANT:
             of_file = _checked(
                 mistakes, ("drift", "prior"), lambda: find_prior(prior.prior, robot.model, drift.reference_speed_rad_s, path.parent)
             )
@@ -148,7 +148,8 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[Mistake]
     assert excitation is not None  # or there would be a mistake
     of_assess = {name: sections.pop(name) for name in assess_sections()}
     assess = AssessSettings(method=sections.pop("assess").method, **of_assess)
-    return Configuration(path=path, assess=assess, excitation=excitation, **sections)
+    asks_plant = named["drift"] is not None and named["drift"].prior == OF_PLANT
+    return Configuration(path=path, assess=assess, excitation=excitation, prior_of_plant=asks_plant, **sections)
 
 
 def _check_robot(robot: RobotSettings, mistakes: list[Mistake]) -> None:

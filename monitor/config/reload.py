@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from monitor.config.files import OF_PLANT
 from monitor.config.schema import Configuration, assess_sections
 from monitor.design.cell import Cell
 from monitor.judge.friction.prior import FleetPrior
@@ -76,12 +77,14 @@ def _flat(configuration: Configuration) -> dict[str, Any]:
     """Every setting by its key in the file."""
     flat: dict[str, Any] = {"replay.excitation": (configuration.excitation.digest, configuration.excitation.repetitions)}
     for section in dataclasses.fields(configuration):
-        if section.name in {"path", "excitation", "assess", "overrides"}:
+        if section.name in {"path", "excitation", "assess", "overrides", "prior_of_plant"}:
             continue
         _into(flat, section.name, getattr(configuration, section.name))
     for room in dataclasses.fields(configuration.assess):
         value = getattr(configuration.assess, room.name)
         _into(flat, room.name if dataclasses.is_dataclass(value) else f"assess.{room.name}", value)
+    if configuration.prior_of_plant:
+        flat["drift.prior"] = OF_PLANT  # whichever it was: it does not change any more
     flat.pop("replay.host")  # the same as robot.host
     return flat
 

@@ -100,6 +100,7 @@ class Configuration:
     production: ProductionListenSettings = dataclasses.field(default_factory=ProductionListenSettings)
     inspection: InspectionSettings = dataclasses.field(default_factory=InspectionSettings)
     notify: NotifySettings = dataclasses.field(default_factory=NotifySettings)
+    prior_of_plant: bool = False  # [drift] prior = "plant"; what was taken stands in the history, see `service.plant_prior`
     overrides: tuple[str, ...] = ()  # variables of the environment that replace values of the file
 
     @property

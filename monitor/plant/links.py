@@ -18,7 +18,7 @@ import zenoh
 
 from monitor.errors import BadInput, BusError
 from monitor.plant.arm import ArmName
-from monitor.publish.session import ROOT, prefix, session_config
+from monitor.publish.session import PLANT, ROOT, prefix, session_config
 from monitor.reason import Sentence
 
 log = logging.getLogger(__name__)
@@ -96,17 +96,20 @@ class Inbox:
 class Link:
     """The way through one router, or to one arm. A thread opens it and tries for ever; an open one comes back by itself."""
 
-    def __init__(self, endpoint: str, inbox: Inbox, zenoh_file: str, *, follows: bool = True) -> None:
-        """`follows` : whether the arms' documents are received; else only questions are asked.
+    def __init__(
+        self, endpoint: str, inbox: Inbox, zenoh_file: str, *, follows: bool = True, answers: Callable[[zenoh.Query], None] | None = None
+    ) -> None:
+        """`follows` : whether the arms' documents are received; else only questions are asked. answers : new arms' questions for a prior.
 
         Raises BadInput where the file is no Zenoh configuration.
         """
         self.endpoint = endpoint
-        self._inbox, self._follows = inbox, follows
+        self._inbox, self._follows, self._answers = inbox, follows, answers
         self._config = session_config(mode="client", connect=(endpoint,), zenoh_file=zenoh_file)
         self._config.insert_json5("connect/timeout_ms", json.dumps(2000))
         self._session: zenoh.Session | None = None
         self._subscribers: list[zenoh.Subscriber[None]] = []  # one that nobody holds ends
+        self._queryable: zenoh.Queryable[None] | None = None  # likewise
         self._closing = threading.Event()
         self._up = False
         self._thread = threading.Thread(target=self._open, name=f"link {endpoint}", daemon=True)
@@ -211,6 +214,8 @@ class Link:
                 pause_s = min(2.0 * pause_s, REFUSED_S[1])
                 continue
             self._session = session
+            if self._answers is not None:
+                self._queryable = session.declare_queryable(f"{PLANT}/prior/*/*", self._answers, complete=True)
             if not self._follows:
                 return
             kept = [session.declare_subscriber(f"{ROOT}/*/*/{selector}", self._document) for selector in FOLLOWED]

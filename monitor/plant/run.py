@@ -18,6 +18,7 @@ from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import RUNNING, set_note
 from monitor.plant.links import Inbox, Link
+from monitor.plant.priors import Learn, PriorMaker, Priors
 from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, log_refusals, read_as_session
@@ -38,26 +39,31 @@ LONGEST_PAUSE_S = 60.0  # between two attempts to reach the database
 class Plant:
     """One running plant. A context manager; `step` is called until it ends."""
 
-    def __init__(self, configuration: PlantConfiguration) -> None:
-        """Raises BadConfiguration, BadInput where database or Zenoh configuration are none, else as `errors.cannot_listen`."""
+    def __init__(self, configuration: PlantConfiguration, learn: Learn | None = None) -> None:
+        """`learn` : makes the priors of new arms; None: none are made.
+
+        Raises BadConfiguration, BadInput where database or Zenoh configuration are none, else as `errors.cannot_listen`.
+        """
         settings = configuration.plant
-        self.inbox = Inbox()
+        self.inbox, priors = Inbox(), Priors()
         self.links: dict[str, Link] = {}
         self.screen: ScreenServer | None = None
+        self.trouble: str | None = "the database is not open yet"
         with ExitStack() as opening:  # what is open is closed where the next one cannot be opened
             self.database = Database(configuration.database, patience_s=PATIENCE_S)
             opening.callback(self.database.close)
             for endpoint in settings.connect:
-                self.links[endpoint] = link = Link(endpoint, self.inbox, configuration.zenoh_file)
+                self.links[endpoint] = link = Link(endpoint, self.inbox, configuration.zenoh_file, answers=priors.answer)
                 opening.callback(link.close)
             copying = opening.enter_context(Copying(self.database, self.links, settings.workers, time.time))
             self.following = Following(self.database, self.inbox, self.links, copying, settings.silent_s, time.time)
             if configuration.screen.listen:
                 self.screen = opening.enter_context(_screen(configuration, self.database, self._ways))
+            if learn is not None:
+                opening.enter_context(PriorMaker(self.database, configuration.database, learn, priors, lambda: self.trouble is None))
             if configuration.metrics.listen:
                 opening.enter_context(_metrics(configuration, self.database))
             self._stack = opening.pop_all()
-        self.trouble: str | None = "the database is not open yet"
         self._pause_s, self._next_try, self._heartbeat_at = 0.0, 0.0, 0.0
         self._noted = False  # whether this plant has said in the database that it runs
         self.another: str | None = None  # the host of another plant that writes there
@@ -180,15 +186,15 @@ def check_files(configuration: PlantConfiguration) -> None:
         read_users_file(users)
 
 
-def serve(configuration: PlantConfiguration) -> None:
-    """Run until SIGTERM or SIGINT. Raises BadInput where a file that the configuration names is wrong, StoreError."""
+def serve(configuration: PlantConfiguration, learn: Learn | None = None) -> None:
+    """Run until SIGTERM or SIGINT. learn : as `Plant`. Raises BadInput where a file that the configuration names is wrong, StoreError."""
     check_files(configuration)
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     log_refusals(BusSettings(zenoh=configuration.zenoh_file))
     watchdog = Watchdog(Heartbeats())
-    with Plant(configuration) as plant:
+    with Plant(configuration, learn) as plant:
         line = StatusLine()
         while not stopping.wait(TICK_S):
             plant.step()

@@ -18,13 +18,14 @@ from monitor.errors import BadInput
 from monitor.publish import permit
 from monitor.publish.documents import Document, Error, Permit, Waiting, as_json, encoded
 from monitor.publish.registry import KINDS, PUBLISHED, Delivery, answer_kind, kind_of, takes_payload
-from monitor.publish.session import BusSettings, encoding, not_opened, session_config
+from monitor.publish.session import PLANT, BusSettings, encoding, not_opened, session_config
 
 log = logging.getLogger(__name__)
 
 QUEUE_LENGTH = 512  # documents; a replay publishes about a dozen
 LONGEST_PARAMETERS = 1000
 JSON_NAMES = {type(None): "null", bool: "true or false", int: "a number", float: "a number", str: "a string", list: "an array"}
+PLANT_TIMEOUT_S = 5.0
 LARGEST_QUERY_BYTES = 4_000_000  # 1000 samples × 6 joints × 4 signals are about 0.5 MB of JSON
 
 
@@ -155,6 +156,15 @@ class Bus:
     def ask_permit(self, question: Permit, timeout_s: float) -> permit.PermitReply | None:
         """Ask for a permit on `permit/replay`; None where nobody answers in that time."""
         return permit.ask_permit(self._session, self._prefix, question, timeout_s)
+
+    def ask_plant(self, key: str, timeout_s: float = PLANT_TIMEOUT_S) -> bytes | None:
+        """The plant's answer on a key of its own; None where nobody answers in that time. Raises BadInput with the text of a refusal."""
+        for reply in self._session.get(f"{PLANT}/{key}", timeout=timeout_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            if reply.err is not None and reply.err.encoding == encoding("error"):  # else Zenoh's own, that the time is over
+                raise BadInput(str(orjson.loads(reply.err.payload.to_bytes())["error"]))
+        return None
 
     def robot_alive(self, alive: bool) -> None:
         """Hold or drop the liveliness token of the link to the arm."""

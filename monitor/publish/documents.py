@@ -7,7 +7,7 @@ from the beginning. Times are UTC, RFC 3339; units stand in the names; null mean
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import orjson
@@ -162,6 +162,22 @@ def _fields(value: object) -> dict[str, Any] | list[Any]:
     return {**value.__dict__, **(value.__pydantic_extra__ or {})}
 
 
+class PriorTaken(Worded):
+    """Which prior of the plant the joints of an arm began with, or why with none (`[drift] prior = "plant"`)."""
+
+    state: Literal["waits", "taken", "no_answer", "refused", "too_late"] = Field(
+        description="waits: for the first replay; no_answer, refused: another one is taken only before the first verdict"
+    )
+    text: str
+    at: Time | None = Field(default=None, description="when the plant was asked last")
+    model: str | None = None
+    arms: int | None = Field(default=None, description="of the model, that it was learnt from")
+    site: str | None = Field(default=None, description="whose arms they are; null: those of the whole plant")
+    digest: str | None = Field(default=None, description="of the plant's document, SHA-256, 16 hexadecimal digits")
+    made_at: Time | None = None
+    software: str | None = Field(default=None, description="that made it")
+
+
 class Info(Document):
     """Who watches which arm, and since when."""
 
@@ -176,6 +192,7 @@ class Info(Document):
     firmware: str | None = None
     mounting: str | None = None
     versions: dict[str, str] = Field(default_factory=dict, description="of Python and of the packages that matter")
+    prior: PriorTaken | None = Field(default=None, description="null: the configuration asks the plant for none")
 
 
 class JointState(Worded):

@@ -15,6 +15,7 @@ import zenoh
 
 from monitor.errors import BadInput, MonitorError, cannot_listen
 
+PLANT = "joint-monitor/plant/v1"  # below it the plant answers
 ROOT = "joint-monitor/v1"
 PATIENCE_US = 500_000  # [µs] a client that is megabytes behind is waited for, then disconnected; it may connect again
 _WAIT_BEFORE_CLOSE = "transport/link/tx/queue/congestion_control/block/wait_before_close"

@@ -16,6 +16,7 @@ from monitor.service.handlers import Handlers
 from monitor.service.history.assess_and_store import adopt_orphans, load_state
 from monitor.service.learning import ArmHeard, nothing_learnt, situation
 from monitor.service.live import LiveComparison
+from monitor.service.plant_prior import with_prior
 from monitor.service.publisher import Publisher
 from monitor.service.replay import Monitor, Replay
 from monitor.service.shared_state import ReplayRequests, SharedState
@@ -55,11 +56,12 @@ class Daemon:
         processes of their own.
         """
         self._store, self._now = store, now
+        configuration = with_prior(configuration, store)
         self.state = SharedState(configuration, store, now, requests, compute)
         self.bus = _bus(configuration)
         self.publisher = Publisher(self.bus, self.state)
         self.alerts = AlertChanges(self.state, self.publisher)
-        self.monitor = Monitor(self.state, self.publisher, play=play, alive=alive)
+        self.monitor = Monitor(self.state, self.publisher, play=play, alive=alive, ask_plant=self.bus.ask_plant)
         self.live = LiveComparison(self.state, self.publisher)
         self.listener = _listener(self.state, self.publisher, compute_production) if configuration.production.listen else None
         self.duty = Duty(self.state, self.publisher)

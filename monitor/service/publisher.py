@@ -28,6 +28,7 @@ from monitor.recording import Context
 from monitor.service.history.inspection import inspection_document
 from monitor.service.history.maintenance import friction_known, row_document
 from monitor.service.history.needed import from_production_document
+from monitor.service.plant_prior import prior_taken
 from monitor.service.shared_state import SharedState
 from monitor.store.history.events import AlertEvent
 from monitor.store.history.ledger import LedgerRow
@@ -41,7 +42,9 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")  # Linux makes another identif
 PACKAGES = ("eclipse-zenoh", "numpy", "pin", "ur-rtde")  # their versions decide what is on the wire and in the figures
 
 
-def info(configuration: Configuration, *, started_at_unix_s: float, context: Context | None) -> documents.Info:
+def info(
+    configuration: Configuration, *, started_at_unix_s: float, context: Context | None, prior: documents.PriorTaken | None = None
+) -> documents.Info:
     """Who watches which arm, with which programs, and since when. context : of the last replay, with what the controller reported."""
     seen = context or configuration.context
     return documents.Info(
@@ -56,13 +59,14 @@ def info(configuration: Configuration, *, started_at_unix_s: float, context: Con
         started_at=utc(started_at_unix_s),
         configuration_digest=digest(configuration),
         trajectory_digest=configuration.excitation.digest,
+        prior=prior,
     )
 
 
 def digest(configuration: Configuration) -> str:
     """16 hexadecimal digits of every setting in force, defaults included. The file's place and layout have no influence."""
     settings = {field.name: getattr(configuration, field.name) for field in dataclasses.fields(configuration)}
-    del settings["path"], settings["excitation"]
+    del settings["path"], settings["excitation"], settings["prior_of_plant"]
     plain_settings = plain(settings) | {"trajectory": configuration.excitation.digest, "repetitions": configuration.excitation.repetitions}
     plain_settings["replay"].pop("cell", None)
     plain_settings["replay"]["cell"] = configuration.replay.cell.digest if configuration.replay.cell else None
@@ -125,7 +129,9 @@ class Publisher:
         """Publish who watches which arm, with what, and since when."""
         belief = self._state.estimator.belief
         context = belief.context if belief else None
-        self.say(info(self._state.configuration, started_at_unix_s=self._started_at_unix_s, context=context))
+        configuration = self._state.configuration
+        prior = prior_taken(configuration, self._store)
+        self.say(info(configuration, started_at_unix_s=self._started_at_unix_s, context=context, prior=prior))
 
     def health(self) -> None:
         """Publish the states of arm and joints and whether they are too old; also before the first assessment."""

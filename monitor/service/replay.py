@@ -22,6 +22,7 @@ from monitor.recording import Context, Recording
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.assess_and_store import (
     HistoryEntry,
+    Inputs,
     Verdict,
     enter,
     inputs_of,
@@ -33,6 +34,7 @@ from monitor.service.history.maintenance import maintenance_document
 from monitor.service.history.needed import needed
 from monitor.service.lending import BorrowedWindow, DueReplay, program_of
 from monitor.service.motion import Claimed, ReplayWindow
+from monitor.service.plant_prior import Ask, asked, with_prior
 from monitor.service.publisher import Publisher
 from monitor.service.shared_state import SharedState
 from monitor.store.history.ledger import LedgerRow
@@ -70,10 +72,11 @@ class Monitor:
         *,
         play: Replay,
         alive: Callable[[], None],
+        ask_plant: Ask = lambda _: None,
     ) -> None:
-        """`alive` is called often while a replay or an assessment is under way."""
+        """`alive` is called often while a replay or an assessment is under way. ask_plant : for a prior, before the first verdict."""
         self._state, self._store, self._publisher, self._now = state, state.store, publisher, state.now
-        self._play, self._alive = play, alive
+        self._play, self._alive, self._ask_plant = play, alive, ask_plant
         self.unassessed: Reason | None = None  # why a recording waits for its assessment
         self._failed: dict[int, int] = {}  # tries to assess a recording that ended without an outcome, by its window
         self._retry_at = 0.0  # monotonic
@@ -205,7 +208,7 @@ class Monitor:
 
     def reconfigure(self, configuration: Configuration) -> None:
         """Take other settings from now on; `info` is published with their digest."""
-        self._state.use(configuration)
+        self._state.use(with_prior(configuration, self._store))
         with self._state.revising:
             self._state.prepare_live(self._state.sample_var(self._state.estimator))
         self._publisher.info()
@@ -257,7 +260,7 @@ class Monitor:
         path = self._store.recordings.path(ledger_id)
         recording = dataclasses.replace(recording, source=path.name)
         with self._state.revising:
-            inputs = inputs_of(self.configuration, self._state.estimator)
+            inputs = self._inputs()
             with closing(self._state.compute.steps(keep_and_judge, path, recording, inputs)) as steps:
                 outcome: Verdict | Reason | None = None
                 try:
@@ -340,7 +343,7 @@ class Monitor:
     def _assess_stored(self, ledger_id: int) -> None:
         """Assess a recording that waits on disk; where that fails for another reason than the recording, it waits on."""
         with self._state.revising:
-            path, inputs = self._store.recordings.path(ledger_id), inputs_of(self.configuration, self._state.estimator)
+            path, inputs = self._store.recordings.path(ledger_id), self._inputs()
             try:
                 outcome: Verdict | Reason | None = self._state.compute(judged, path, inputs)
             except ComputingFailed as error:
@@ -348,6 +351,13 @@ class Monitor:
             entry = self._taken(ledger_id, outcome)
         if entry is not None:
             self._publish(*entry)
+
+    def _inputs(self) -> Inputs:
+        """What the next verdict depends on; before the first one, the plant is asked for its prior."""
+        if self.configuration.prior_of_plant and self._state.estimator.belief is None:
+            self._state.use(asked(self.configuration, self._store, self._ask_plant, self._now()))
+            self._publisher.info()
+        return inputs_of(self.configuration, self._state.estimator)
 
     def _later(self, ledger_id: int, error: ComputingFailed) -> Reason | None:
         """None: the recording waits for another try. After several it is rejected, so that later replays are learnt from."""

@@ -7,14 +7,18 @@ weight of `FAMILY_ARMS` arms. So few arms say little and stay near the family, a
 Shapes: A arms of one model, J joints.
 """
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import orjson
 
+from monitor import __version__
 from monitor.errors import BadInput, MonitorError, StoreUnavailable
 from monitor.judge.alerts.wear_paths import FAMILIES, FAMILY_PRIOR, GROWTHS, OTHERS, POWERS, RISE_STD, WearPaths, elasticity, wear_paths
 from monitor.judge.belief import Belief, belief_from_document
@@ -27,6 +31,8 @@ from monitor.judge.friction.states import CURVE, LAG, LEVEL, SLOPE, Priors
 from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.temperature.laws import TemperatureSettings
 from monitor.plant.database import Database
+from monitor.plant.priors import ModelPrior
+from monitor.publish.timestamps import rfc3339
 from monitor.recording import DAY_S, Array
 from monitor.service.history.assess_and_store import load_state
 from monitor.store.backup import HISTORY
@@ -163,6 +169,7 @@ def _expected(course: _Course, log_odds: Array, mean: float, var: float) -> Arra
 
 # --- From the states of a fleet's arms to the document of its prior. Pure ------------------------
 
+SITE_ARMS = 10  # of a model at one site; with fewer, those of all sites say more of the next one there
 LEAST_REPLAYS = 40  # an arm with fewer still says what it was told at its beginning
 VISCOUS_SHARE = 0.5  # of friction at the reference speed, in the family's prior
 
@@ -309,6 +316,41 @@ def arms_of_plant(database: Database) -> tuple[list[LearntArm], list[str]]:
         return None if document is None else belief_from_document(document)
 
     return _learnt((arm.name, partial(belief, arm)) for arm in from_plant.arms_of_plant(database))
+
+
+def prior_document(arms: Sequence[LearntArm], silent: Sequence[str] = ()) -> dict[str, Any]:
+    """The document of `joint-monitor prior`. silent : a sentence for each history that says nothing. Raises BadInput as `learn_prior`."""
+    document = learn_prior(arms, DriftSettings(), TemperatureSettings())
+    document["learnt_from"]["left_out"] += silent
+    return {"made_at": rfc3339(time.time()), "software": f"joint-monitor {__version__}", **document}
+
+
+def priors_of_plant(address: str | Path) -> list[ModelPrior]:
+    """The prior of each model, of the whole plant, and of each site that has `SITE_ARMS` arms to learn it from. In a process of its own.
+
+    Raises StoreError, BadInput where there is no arm to learn from.
+    """
+    database = Database(address)
+    try:
+        arms, _ = arms_of_plant(database)
+    finally:
+        database.close()
+    found = _by_model(prior_document(arms), None)
+    for site in sorted({arm.name.partition("/")[0] for arm in arms}):
+        own = [arm for arm in arms if arm.name.partition("/")[0] == site]
+        with suppress(BadInput):  # a site may be too young to say anything; the whole plant is not
+            found += [prior for prior in _by_model(prior_document(own), site) if prior.arms >= SITE_ARMS]
+    return found
+
+
+def _by_model(document: dict[str, Any], site: str | None) -> list[ModelPrior]:
+    """One document a model; who was left out is told by `prior --plant`."""
+    found = []
+    for model, own in document["models"].items():
+        learnt_from = {"arms": own["arms"], "joint_years": own["joint_years"]}
+        text = orjson.dumps({**document, "site": site, "learnt_from": learnt_from, "models": {model: own}}).decode()
+        found.append(ModelPrior(site, model, own["arms"], document["made_at"], text))
+    return found
 
 
 def _learnt(places: Iterable[tuple[str, Callable[[], Belief | None]]]) -> tuple[list[LearntArm], list[str]]:

@@ -23,19 +23,23 @@ from monitor.plant.enrol.files import Plant, enrol
 from monitor.plant.enrol.inventory import read_inventory
 from monitor.publish.bus import Bus, QueryHandler
 from monitor.publish.registry import COMMANDS
-from monitor.publish.session import BusSettings, prefix, session_config
+from monitor.publish.session import PLANT, BusSettings, prefix, session_config
 
 INVENTORY = "site,id,model,host\nhall-1,cell-1,ur5e,10.0.1.1\nhall-1,cell-2,ur5e,10.0.1.2\nhall-2,cell-1,ur5,10.0.2.1\n"
 OURS = "joint-monitor/v1/hall-1/cell-1"  # the arm that all acts are about
 PERSONS = {person.name: set(person.commands) for person in PEOPLE}
 OWN, CELL = "hall-1.cell-1", "cell@hall-1.cell-1"
 STRANGERS = ("hall-1.cell-2", "hall-2.cell-1", "cell@hall-1.cell-2", "router@hall-2", "guest")
-ACTS = ("look", "all", *COMMANDS, "cmd/of-tomorrow", "publish", "permit", "answer", "live", "publish wide")
+ACTS = ("look", "all", *COMMANDS, "cmd/of-tomorrow", "publish", "permit", "answer", "live", "publish wide", "prior", "be the plant")
 PLACES = ("core", "site")  # to which router somebody connects
 
 
 def allowed(who, act):
     """By the promise of the enrolment, not by its rules."""
+    if act == "prior":
+        return who in PERSONS or who in {OWN, "hall-1.cell-2"}  # the arms of this site
+    if act == "be the plant":
+        return who == "plant"
     if who in PERSONS:
         return act in {"look", "all"} or act in PERSONS[who] or (act == "cmd/of-tomorrow" and bool(PERSONS[who]))
     if who == OWN:  # the arm's own computer
@@ -77,6 +81,7 @@ def world(tmp_path_factory, free_tcp_port_factory):
         made.alive = []
         looker.liveliness().declare_subscriber("joint-monitor/v1/**", made.alive.append, history=True)
         made.looker = looker
+        made.prior = looker.declare_queryable(f"{PLANT}/prior/hall-1/ur5", lambda query: reply(query, {"prior": "of the plant"}))
         eventually(lambda: asked(looker, f"{OURS}/health"))
         yield made
 
@@ -139,6 +144,12 @@ def did(world, somebody, who, act):
     if act == "answer":
         with somebody.declare_queryable(f"{OURS}/friction-of-{word.rsplit(maxsplit=1)[-1]}", lambda query: reply(query, {"word": word})):
             return within(lambda: {"word": word} in asked(world.looker, f"{OURS}/friction-of-{word.rsplit(maxsplit=1)[-1]}", wait_s=0.3))
+    if act == "prior":
+        return asked(somebody, f"{PLANT}/prior/hall-1/ur5") == [{"prior": "of the plant"}]
+    if act == "be the plant":
+        key = f"prior/hall-1/{word.rsplit(maxsplit=1)[-1]}"
+        with somebody.declare_queryable(f"{PLANT}/{key}", lambda query: reply(query, {"word": word})):
+            return within(lambda: word.encode() in (world.bus.ask_plant(key, 0.3) or b""))
     assert act == "live"
     with somebody.liveliness().declare_token(f"{OURS}/alive/{word.rsplit(maxsplit=1)[-1]}"):
         return within(lambda: any(str(sample.key_expr).endswith(word.rsplit(maxsplit=1)[-1]) for sample in world.alive))

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from monitor.plant.enrol.inventory import Arm
 from monitor.publish.registry import COMMANDS
-from monitor.publish.session import ROOT
+from monitor.publish.session import PLANT, ROOT
 
 CORE = "core"
 MOVES = ("cmd/replay",)  # what makes an arm move
@@ -65,11 +65,11 @@ def site_router_document(site: str, arms: Sequence[Arm], endpoint: str, core: st
     for arm in arms:
         key = f"{ROOT}/{arm.site}/{arm.id}"
         acl.add(_rule(f"{arm.name} speaks", ["ingress"], [*_SAYS, *_ASKS], f"{key}/**"), arm.name)
-        acl.add(_rule(f"{arm.name} hears", ["egress"], _SAYS, f"{key}/**"), arm.name, with_rules=(IS_ASKED,))
+        acl.add(_rule(f"{arm.name} hears", ["egress"], _SAYS, f"{key}/**"), arm.name, with_rules=(IS_ASKED, *ASKS_PLANT))
         permits = _rule(f"{cell_name(arm)} permits", ["ingress", "egress"], ["query", "reply", "declare_queryable"], f"{key}/permit/**")
         acl.add(permits, cell_name(arm))
     if core:  # whom the core lets through, the site believes
-        acl.add(_rule("the core asks", ["ingress"], _ASKS, f"{ROOT}/**"), CORE)
+        acl.add(_rule("the core asks", ["ingress"], _ASKS, f"{ROOT}/**"), CORE, with_rules=IS_PLANT)
         acl.add(_rule("the core hears", ["egress"], _SAYS, f"{ROOT}/{site}/**"), CORE)
     return _router(endpoint, [core] if core else [], tls, acl)
 
@@ -78,7 +78,7 @@ def core_router_document(sites: Sequence[str], endpoint: str, tls: Tls) -> dict[
     """The router in the middle: sites connect to it, and those who look at several of them."""
     acl = _Rules()
     for site in sites:
-        acl.add(_rule(f"{site} speaks", ["ingress"], _SAYS, f"{ROOT}/{site}/**"), router_name(site), with_rules=(IS_ASKED,))
+        acl.add(_rule(f"{site} speaks", ["ingress"], _SAYS, f"{ROOT}/{site}/**"), router_name(site), with_rules=(IS_ASKED, *ASKS_PLANT))
     return _router(endpoint, [], tls, acl)
 
 
@@ -93,6 +93,9 @@ def cell_name(arm: Arm) -> str:
 
 
 IS_ASKED = "is asked"
+PLANT_ITSELF = "plant"  # of PEOPLE
+ASKS_PLANT = ("asks the plant", "hears the plant")
+IS_PLANT = ("the plant says", "the plant is asked")
 
 
 class _Rules:
@@ -103,11 +106,16 @@ class _Rules:
             _rule(IS_ASKED, ["egress"], _ASKS, f"{ROOT}/**"),
             _rule("look", ["ingress"], _ASKS, f"{ROOT}/**"),
             _rule("hear", ["egress"], _SAYS, f"{ROOT}/**"),
+            _rule("asks the plant", ["ingress"], ["query"], f"{PLANT}/**"),
+            _rule("hears the plant", ["egress"], ["reply", "declare_queryable"], f"{PLANT}/**"),
+            _rule("the plant says", ["ingress"], ["reply", "declare_queryable"], f"{PLANT}/**"),
+            _rule("the plant is asked", ["egress"], ["query"], f"{PLANT}/**"),
             *(_rule(f"no {command}", ["ingress"], ["query"], f"{ROOT}/*/*/{command}", permission="deny") for command in COMMANDS),
             # a command of a later version, which this table does not know
             _rule("no command", ["ingress"], ["query"], f"{ROOT}/*/*/cmd/**", permission="deny"),
         ]
-        self.of: dict[str, list[str]] = {person.name: ["look", "hear", *_refused(person)] for person in PEOPLE}
+        self.of: dict[str, list[str]] = {person.name: ["look", "hear", *ASKS_PLANT, *_refused(person)] for person in PEOPLE}
+        self.of[PLANT_ITSELF] += IS_PLANT
 
     def add(self, rule: dict[str, Any], subject: str, with_rules: Sequence[str] = ()) -> None:
         self.rules.append(rule)

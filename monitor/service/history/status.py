@@ -28,6 +28,7 @@ from monitor.service.history.maintenance import friction_known, row_document
 from monitor.service.history.needed import need_document, needed, stored_from_production
 from monitor.service.lending import DueReplay
 from monitor.service.monitor_document import borrowed_document, not_watched, present_unix_s, read_monitor_document, silent_s
+from monitor.service.plant_prior import prior_taken
 from monitor.store.backup import present
 from monitor.store.history.assessments import StoredState
 from monitor.store.history.ledger import Borrow, LedgerRow, Try
@@ -57,6 +58,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         early = [] if state else early_alerts(store)
         from_production = stored_from_production(store, configuration.schedule)
         inspection = inspection_document(configuration.inspection, store, now_unix_s)
+        prior = prior_taken(configuration, store)
     document = {
         "said_at": rfc3339(now_unix_s),
         "robot": configuration.robot.id,
@@ -68,6 +70,7 @@ def status_document(configuration: Configuration, now_unix_s: float, why_joint: 
         "maintenance": maintenance,
         **({} if from_production is None else {"from_production": as_json(from_production)}),
         **({} if inspection is None else {"inspection": as_json(inspection)}),
+        **({} if prior is None else {"prior": as_json(prior)}),
         "monitor": None if monitor is None else as_json(monitor),
         "monitor_silent_s": None if monitor is None else silent_s(monitor, now_unix_s),
         **worded_json(not_watched=not_watched(monitor, now_unix_s)),

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import orjson
 
-from monitor.config.files import find_prior
+from monitor.config.files import OF_PLANT, find_prior
 from monitor.config.schema import FlowSettings, assess_sections, section_classes
 from monitor.config.sections import Mistake, nearest, of_key, of_section, read_section
 from monitor.config.sources import Source
@@ -55,7 +55,9 @@ def read_changes(path: Path) -> dict[str, Any]:
         mistakes += [mistake for mistake in wrong if len(mistake.key) > 1 or not isinstance(document[name], dict)]
         if isinstance(document[name], dict):
             changes |= document[name] if name == "assess" else {name: document[name]}
-    if isinstance(prior, str):
+    if prior == OF_PLANT:
+        mistakes.append(of_key(("drift", "prior"), f'"{OF_PLANT}": a daemon asks it; expected the file of `joint-monitor prior --plant`'))
+    elif isinstance(prior, str):
         changes["drift"] = {**changes.get("drift", {}), "prior": str(path.absolute().parent / prior) if prior else ""}
     elif prior is not None:
         mistakes.append(of_key(("drift", "prior"), f"{prior!r}: expected the path of a file that `joint-monitor prior` has written"))

@@ -176,6 +176,8 @@ def print_status(document: dict[str, Any], zone: tzinfo = UTC) -> None:
         console.print(f"  {line}", highlight=False, markup=False)
     for act in document.get("maintenance", ()):
         console.print(f"  {act['text']}", highlight=False, markup=False)
+    if document.get("prior"):
+        console.print(f"  {document['prior']['text']}", highlight=False, markup=False)
     if document.get("monitor"):
         console.print(monitor_lines(document["monitor"], once), highlight=False, markup=False)
     for count, row in _grouped(document["ledger"]):

@@ -128,5 +128,7 @@ class Told:
 def _has_words(key: str) -> bool:
     """Whether the values of a key have sentences for people."""
     return (
-        key.startswith("alert/") or key in {"health", "monitor", "replay", "from_production"} or key.endswith(("/friction", "/maintenance"))
+        key.startswith("alert/")
+        or key in {"health", "info", "monitor", "replay", "from_production"}
+        or key.endswith(("/friction", "/maintenance"))
     )

@@ -259,6 +259,7 @@ async function self() {
     [t("Memory"), `${number(own.resident_mb, 0)} MB`], [t("History"), `${number(own.history_mb, 1)} MB`], [t("Disk free"), `${number(own.disk_free_gb, 1)} GB${own.disk_free_share == null ? "" : ` (${number(100 * own.disk_free_share, 0)} %)`}`],
     [t("Documents dropped"), String(own.documents_dropped)], [t("Last windows"), Object.entries(own.last_windows).map(([state, n]) => `${n} ${t(state)}`).join(", ") || t("none")],
     [t("Its clock"), moment(own.now, true)]];
+  if (values.info && values.info.prior) rows.push([t("What the plant taught it"), values.info.prior.text]);
   const document_ = values.monitor;  // null until the monitor has published it
   if (document_) {
     const texts = (document_.troubles || []).map((problem) => (typeof problem === "string" ? problem : problem.text || problem.what || JSON.stringify(problem)));
