@@ -175,7 +175,7 @@ def commands(block: Block) -> list[str]:
     return text.replace("|\n", "| ").splitlines()
 
 
-OTHERS = {".", "cp", "dask", "editor", "install", "jq", "openssl", "printf", "systemctl"}
+OTHERS = {".", "cp", "curl", "dask", "editor", "install", "jq", "openssl", "printf", "systemctl"}
 OURS_OF_SYSTEMD = {path.name for path in (ROOT / "deploy").glob("*.service")}
 
 

@@ -134,6 +134,11 @@ def test_whoever_calls_himself_as_a_group_is_called_has_not_its_role():
     assert person_of_proxy(["group:mechanics", "user:ada"], ["user:ada", "group:mechanics"], roles, None) is None
     assert person_of_proxy(["eve"], ["mechanics"], roles, None) == Person("eve", Role.acknowledge)
     assert person_of_proxy(["ada"], [], roles, None) == Person("ada", Role.move)
+    roles = ScreenSettings(
+        proxies=("127.0.0.1",), proxy_roles=("bo=acknowledge@a,b", "bo=move@b", "cy=move@a", "group:cy=acknowledge")
+    ).roles()
+    assert person_of_proxy(["bo"], [], roles, None) == Person("bo", Role.look, {"a": Role.acknowledge, "b": Role.move})
+    assert person_of_proxy(["cy"], ["cy"], roles, None) == Person("cy", Role.acknowledge, {"a": Role.move})
     assert person_of_proxy(["guests"], [], roles, None) == person_of_proxy(["guests"], ["guests"], roles, None)
 
 

@@ -484,5 +484,9 @@ def test_the_command_puts_users_in_and_takes_them_out(tmp_path):
     assert "is out of" in asked("bo", "--remove")
     assert "holds no user 'bo'" in asked("bo", "--remove")
     assert "is no role" in asked("bo", "rule")
+    assert "cy may move at hall-1, hall-2. The token" in asked("cy", "move", "--site", "hall-1", "--site", "hall-2")
+    assert read_users((tmp_path / "users").read_text(), "users")["cy"].person.sites == {"hall-1": Role.move, "hall-2": Role.move}
+    assert "'a/b' is no site" in asked("cy", "move", "--site", "a/b")
+    assert "look is of the whole plant" in asked("cy", "look", "--site", "hall-1")
     (tmp_path / "plant.toml").write_text("")
     assert "expected users_file" in asked("bo", "look")

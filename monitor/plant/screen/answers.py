@@ -6,9 +6,11 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from monitor.plant.tables import FIGURES, LIFE_FIGURES
+from monitor.publish.documents import Time
 
 MOST_AT_ONCE, AT_ONCE = 1000, 100  # rows of a page
 SITE, ROBOT = "hall-1", "cell-2"  # of the examples
+BEFORE = "next_cursor of the page before"
 CURSOR = "next_cursor of the page before; null: there is no further page"
 
 
@@ -29,7 +31,7 @@ class Ticket(BaseModel):
     url: str | None
 
 
-class Alert(BaseModel):
+class ActiveAlert(BaseModel):
     """An active alert."""
 
     joint: int | None = Field(description="from 1; null: of the arm")
@@ -45,7 +47,7 @@ class Alert(BaseModel):
     ticket: Ticket | None
 
 
-class AlertOfArm(Alert):
+class AlertOfArm(ActiveAlert):
     """An active alert and whose it is."""
 
     site: str = Field(examples=[SITE])
@@ -76,7 +78,7 @@ class Arm(BaseModel):
     silent_why: str | None
     problem: str | None = Field(description="why its history cannot be copied; null: it can")
     set_aside: str | None = Field(description="which rows of its history cannot be read; null: all can")
-    alerts: list[Alert]
+    alerts: list[ActiveAlert]
     waiting: int = Field(description="alerts that wait for a person")
     troubles: list[str] = Field(description="of its monitor")
     clock_ahead_s: float | None = Field(description="of its clock before the plant's; null: they agree, or it is not known")
@@ -183,12 +185,18 @@ class PageAsked(Asked):
     """Which page of many rows."""
 
     limit: int = Field(default=AT_ONCE, ge=1, le=MOST_AT_ONCE)
-    cursor: str | None = Field(default=None, max_length=500, description="next_cursor of the page before")
+
+
+class AuditAsked(PageAsked):
+    """Which lines of the audit."""
+
+    cursor: str | None = Field(default=None, pattern="^[0-9]{1,18}$", description=BEFORE)
 
 
 class AlertsAsked(PageAsked):
     """Which alerts."""
 
+    cursor: str | None = Field(default=None, pattern="^[a-z0-9_-]{1,100}/[a-z0-9_-]{1,100}/[0-9]/[^/]{0,200}$", description=BEFORE)
     state: Literal["waits", "acknowledged", "shelved"] | None = Field(default=None, description="what a person did", examples=["waits"])
     tier: str | None = Field(default=None, description="advisory, wear or limit", examples=["wear"])
     site: str | None = Field(default=None, examples=[SITE])
@@ -198,5 +206,6 @@ class AlertsAsked(PageAsked):
 class HistoryAsked(PageAsked):
     """Which replays."""
 
-    since: datetime | None = Field(default=None, description="none before this time", examples=["2026-01-01T00:00:00Z"])
-    until: datetime | None = Field(default=None, description="none from this time on")
+    cursor: str | None = Field(default=None, pattern=r"^-?[0-9]{1,12}(\.[0-9]{1,20})?/[0-9]{1,18}$", description=BEFORE)
+    since: Time | None = Field(default=None, description="none before this time", examples=["2026-01-01T00:00:00Z"])
+    until: Time | None = Field(default=None, description="none from this time on")

@@ -4,11 +4,9 @@ Each operation names the role that it needs; one that names none cannot be added
 """
 
 import asyncio
-import base64
-import json
-import math
 import threading
 from collections.abc import AsyncIterator, Callable, Coroutine
+from decimal import Decimal
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -19,7 +17,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 from fastapi.security import HTTPBearer
 from fastapi.sse import EventSourceResponse, ServerSentEvent
-from pydantic import BaseModel, create_model
+from pydantic import BaseModel, create_model, model_validator
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -29,7 +27,7 @@ from monitor.plant.arm import ArmName, HeardArm
 from monitor.plant.database import Database
 from monitor.plant.screen import answers
 from monitor.plant.screen.access import INTERFACE, PlantAccess, bearer, robot_of
-from monitor.plant.screen.answers import ROBOT, SITE, AlertsAsked, Asked, HistoryAsked, PageAsked, Problem
+from monitor.plant.screen.answers import ROBOT, SITE, AlertsAsked, Asked, AuditAsked, HistoryAsked, Problem
 from monitor.plant.screen.arm_page import Ways, send
 from monitor.plant.screen.events import PERIOD_S, Feed, Transition
 from monitor.plant.screen.fleet import Fleet, Tickets, shown_alert, shown_arm
@@ -47,7 +45,7 @@ from monitor.views.web.worded import Worded, with_headers
 
 PROBLEM = "application/problem+json"
 ROLE = "x-role"  # of an operation, in the OpenAPI document as well
-FAR_UNIX_S = 4_102_444_800.0  # 2100: no time of a database lies beyond
+TIMES_UNIX_S = (-62_135_596_800.0, 253_402_300_799.0)  # of the years 1 to 9999: what every database can hold
 REFUSED = {
     401: "Nobody is known: a token, or a session of the screen, is needed.",
     403: "Who is known may not do this.",
@@ -201,18 +199,20 @@ class Interface:
         found, _, _ = self._arm(site, robot)
         wanted = sa.select(friction).where(friction.c.arm == found.number, friction.c.history == found.histories, friction.c.joint == joint)
         if asked.since is not None:
-            wanted = wanted.where(friction.c.recorded_at >= _unix_s(asked.since.timestamp()))
+            wanted = wanted.where(friction.c.recorded_at >= asked.since.timestamp())
         if asked.until is not None:
-            wanted = wanted.where(friction.c.recorded_at < _unix_s(asked.until.timestamp()))
+            wanted = wanted.where(friction.c.recorded_at < asked.until.timestamp())
         if asked.cursor is not None:
-            at, replay = _place(asked.cursor, float, int)
-            after = (friction.c.recorded_at == _unix_s(at)) & (friction.c.replay > replay)
-            wanted = wanted.where((friction.c.recorded_at > _unix_s(at)) | after)
+            text, _, replay = asked.cursor.partition("/")
+            at = min(max(float(text), TIMES_UNIX_S[0]), TIMES_UNIX_S[1])
+            after = (friction.c.recorded_at == at) & (friction.c.replay > int(replay))
+            wanted = wanted.where((friction.c.recorded_at > at) | after)
         with self._database.read() as connection:
             rows = connection.execute(wanted.order_by(friction.c.recorded_at, friction.c.replay).limit(asked.limit + 1)).all()
         more = len(rows) > asked.limit
         rows = rows[: asked.limit]
-        return {"replays": [_replay(row) for row in rows], "next_cursor": _cursor(rows[-1].recorded_at, rows[-1].replay) if more else None}
+        cursor = f"{Decimal(repr(rows[-1].recorded_at)):f}/{rows[-1].replay}" if more else None
+        return {"replays": [_replay(row) for row in rows], "next_cursor": cursor}
 
     def peers(self, site: SiteName, robot: RobotName, joint: JointNumber, asked: Annotated[Asked, Query()]) -> Any:  # noqa: ARG002
         """The last figures of this joint and of the same joint of every arm of its model."""
@@ -232,8 +232,8 @@ class Interface:
                     found.append(((*arm.name, each.joint or 0, each.condition), arm, each))
         found.sort(key=lambda one: one[0])
         if asked.cursor is not None:
-            place = _place(asked.cursor, str, str, int, str)
-            found = [one for one in found if one[0] > place]
+            site, robot, joint, condition = asked.cursor.split("/")
+            found = [one for one in found if one[0] > (site, robot, int(joint), condition)]
         page = found[: asked.limit]
         return {
             "alerts": [
@@ -243,20 +243,20 @@ class Interface:
                 }
                 for _, arm, each in page
             ],
-            "next_cursor": _cursor(*page[-1][0]) if len(found) > asked.limit else None,
+            "next_cursor": "/".join(map(str, page[-1][0])) if len(found) > asked.limit else None,
         }
 
-    def audit(self, asked: Annotated[PageAsked, Query()]) -> Any:
+    def audit(self, asked: Annotated[AuditAsked, Query()]) -> Any:
         """Who did what, or was refused it, the newest line first."""
         wanted = sa.select(audit).order_by(audit.c.id.desc()).limit(asked.limit + 1)
         if asked.cursor is not None:
-            wanted = wanted.where(audit.c.id < _place(asked.cursor, int)[0])
+            wanted = wanted.where(audit.c.id < int(asked.cursor))
         with self._database.read() as connection:
             rows = connection.execute(wanted).all()
         more = len(rows) > asked.limit
         rows = rows[: asked.limit]
         lines = [{"at": rfc3339(row.at), "who": row.who, "act": row.act, "robot": row.robot, "text": row.text} for row in rows]
-        return {"rows": lines, "next_cursor": _cursor(rows[-1].id) if more else None}
+        return {"rows": lines, "next_cursor": str(rows[-1].id) if more else None}
 
     async def events(
         self,
@@ -302,8 +302,11 @@ class Interface:
             return JSONResponse(self._say(request).document(answer))
 
         # who sends it is known; without people, he says it himself
+        whole: dict[str, Any] = {"whole": model_validator(mode="before")(_whole)}
         at_once = {"defer_build": False}  # documents wait for their first use; FastAPI does not
-        body = create_model(model.__name__, __base__=model, __doc__=model.__doc__, __cls_kwargs__=at_once, by=(Who | None, None))
+        body = create_model(
+            model.__name__, __base__=model, __doc__=model.__doc__, __cls_kwargs__=at_once, __validators__=whole, by=(Who | None, None)
+        )
         sent.__annotations__["body"] = body
         return sent
 
@@ -349,6 +352,8 @@ def _described(app: FastAPI) -> dict[str, Any]:
     if app.openapi_schema is None:
         made = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         made["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        stream = made["paths"][f"{INTERFACE}/events"]["get"]["responses"]["200"]
+        stream["content"] = {"text/event-stream": {"schema": {"type": "string"}}}  # FastAPI says it as OpenAPI 3.2 does
         app.openapi_schema = made
     return app.openapi_schema
 
@@ -367,25 +372,8 @@ def _told(each: Transition, say: Language) -> dict[str, Any]:
     return {**each._asdict(), "at": rfc3339(each.at_unix_s), "text": say.at(each.document, "text")}
 
 
-def _unix_s(at_unix_s: float) -> float:
-    """A time that every database can hold: of others, the nearest."""
-    return min(max(at_unix_s, 0.0), FAR_UNIX_S) if math.isfinite(at_unix_s) else FAR_UNIX_S
-
-
-def _cursor(*place: Any) -> str:
-    """The place of a row in an order, for the next page."""
-    return base64.urlsafe_b64encode(json.dumps(place).encode()).decode()
-
-
-def _place(cursor: str, *kinds: type) -> tuple[Any, ...]:
-    """The place that a cursor holds. Raises HTTPException where it is none."""
-    try:
-        place = json.loads(base64.b64decode(cursor.encode("ascii"), altchars=b"-_", validate=True))
-    except (ValueError, RecursionError):
-        place = None
-    fits = isinstance(place, list) and len(place) == len(kinds)
-    if not fits or any(
-        type(each) is not kind or (isinstance(each, int) and abs(each) >= 2**62) for each, kind in zip(place, kinds, strict=True)
-    ):
-        raise HTTPException(422, "query.cursor: expected next_cursor of the answer before")
-    return tuple(place)
+def _whole(body: Any) -> Any:
+    """A body with each figure without a fraction as an integer: 3.0 is one in JSON, and none to whoever reads strictly."""
+    if not isinstance(body, dict):
+        return body
+    return {name: int(each) if isinstance(each, float) and each.is_integer() else each for name, each in body.items()}
