@@ -91,7 +91,7 @@ class Identification:
     warnings: tuple[Reason, ...] = ()
     sources: tuple[Source, ...] = ()
     friction: FrictionFit | None = None  # None: the law is the paper's, with fc and fv alone
-    total_covariance: Array | None = None  # (B, B) for another motion: with misfit, and with the error of masses that the law causes
+    total_covariance: Array | None = None  # (B, B) for another motion, and from the truth: with what the law misses
     misfit_cov: Array | None = None  # (J, 2, 2) of (fc, fv), to be added to `friction_cov` to compare different motions
     held_out: Mapping[str, float] | None = None  # law → RMS residual on data left out, in units of the noise; with `auto` only
     paper_d: Array | None = None  # (B,) d = √diag((ȲᵀWȲ)⁻¹), Raviola et al. (2021): without scale and correlation of the noise
@@ -111,8 +111,8 @@ class Identification:
 
     @property
     def std(self) -> Array:
-        """(B,) standard deviation of each base parameter; NaN where the motion did not excite it."""
-        deviation: Array = np.sqrt(np.diag(self.covariance))
+        """(B,) standard deviation of each base parameter from the truth; NaN where the motion did not excite it."""
+        deviation: Array = np.sqrt(np.diag(self.covariance if self.total_covariance is None else self.total_covariance))
         return deviation
 
     def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:

@@ -113,10 +113,10 @@ def identify_motions(
     base = base_parameters(robot, mounting)
     rigid = None if options.rigid_from is None else _known_rigid(options.rigid_from, robot, base)
     problem = problem_of(motions, torques, robot, mounting, base, options.settings, all_rows=options.method == "ls", rigid=rigid)
-    free, held_out = _fit(problem, options)
-    found, physical = (free, None) if options.method != "consistent" else physical_fit(free, base, robot)
+    found, held_out = _fit(problem, options)
+    found, physical = (found, None) if options.method != "consistent" else physical_fit(found, base, robot)
     causes = Causes(problem, found, problem.redundancy)
-    paper = paper_parameters(problem, found, free.solution, causes, options.rigid_from)
+    paper = paper_parameters(problem, found, causes, options.rigid_from)
     moving = [moved.moving(options.settings.moving_rad_s) for moved in motions]
     q, qd = (np.concatenate([getattr(moved, name) for moved in motions]) for name in ("q", "qd"))
     torque, residual, on = (np.concatenate(list(each)) for each in (torques, found.residuals, moving))

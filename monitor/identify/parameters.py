@@ -6,7 +6,6 @@ import numpy as np
 
 from monitor.identify.fit.covariance import Causes, covariances, law_doubt, mapped, positive
 from monitor.identify.fit.fit import Fit, FitProblem, mean_load, projection, refit
-from monitor.identify.fit.least_squares import Solution
 from monitor.identify.identification import QUOTED_SPEEDS_RAD_S, FrictionFit, Identification, ResidualFrictionFit
 from monitor.identify.validate import errors_of
 from monitor.model.friction import PAPER, residual_law
@@ -27,21 +26,22 @@ class PaperParameters(NamedTuple):
     paper_d: Array
 
 
-def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Causes, rigid_from: Identification | None) -> PaperParameters:
-    """The paper's base parameters and their covariances, whatever the friction law. free, causes : as in `covariances`."""
+def paper_parameters(problem: FitProblem, found: Fit, causes: Causes, rigid_from: Identification | None) -> PaperParameters:
+    """The paper's base parameters and their covariances, whatever the friction law. causes : as in `covariances`."""
     layout, solution = problem.layout, found.solution
-    sure = covariances(problem, found, free, causes)
+    sure = covariances(problem, found, causes)
     covariance = sure.noise
     richer_law = found.law != PAPER  # a line needs no load
     loads = [eq.load(solution.values[: len(problem.prior)], layout) for eq in problem.equations] if richer_law else []
     M, places = projection(problem, loads, found), layout.of_law(found.law)  # (B, X), (J, K)
-    values, base_covariance, total = M @ solution.values, mapped(M, covariance), mapped(M, sure.with_misfit)
+    values, base_covariance = M @ solution.values, mapped(M, covariance)
+    total = base_covariance + mapped(M, sure.leaning)
     misfit = mapped(M, sure.lasting) - mapped(M, np.nan_to_num(covariance))
-    total[np.isnan(base_covariance)] = np.nan
     if rigid_from is not None:
         values[layout.rigid] = rigid_from.values[layout.rigid]
         rigid = np.ix_(layout.rigid, layout.rigid)
-        base_covariance[rigid] = total[rigid] = rigid_from.covariance[rigid]
+        base_covariance[rigid] = rigid_from.covariance[rigid]
+        total[rigid] = (rigid_from.covariance if rigid_from.total_covariance is None else rigid_from.total_covariance)[rigid]
     excited, both = np.all(solution.excited[places], axis=1), problem.both_ways  # (J,)
     told = np.stack(
         [excited & both, excited], axis=1
@@ -51,6 +51,8 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
     speeds = np.max([np.max(np.abs(eq.motion.qd), axis=0) for eq in problem.equations], axis=0)  # (J,)
     off = law_doubt(problem, sure.upright, values[layout.friction], QUOTED_SPEEDS_RAD_S)  # (J,) [N·m]
     another = np.array([off_nm**2 * np.diag([1.0, 1.0 / max(speed, 0.1) ** 2]) for off_nm, speed in zip(off, speeds, strict=True)])
+    misfit_cov = np.where(told[:, :, None] & told[:, None], positive(misfit[pair]) + another, np.nan)
+    total[pair] += misfit_cov
     richer = None
     if richer_law:
         richer = FrictionFit(
@@ -67,7 +69,7 @@ def paper_parameters(problem: FitProblem, found: Fit, free: Solution, causes: Ca
         friction_cov=base_covariance[pair],
         friction=richer,
         total_covariance=total,
-        misfit_cov=np.where(told[:, :, None] & told[:, None], positive(misfit[pair]) + another, np.nan),
+        misfit_cov=misfit_cov,
         paper_d=np.linalg.norm((M @ solution.directions), axis=1),
     )
 

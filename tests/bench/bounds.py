@@ -81,7 +81,7 @@ def cases(recording: Recording, robot: Robot, mounting: Mounting) -> dict[str, C
         "stage: rows": problem,
         "stage: least squares": lambda: first_fit(equations, "wls"),
         "stage: causes beside the law": lambda: Causes(equations, fitted, equations.redundancy),
-        "stage: covariances of correlated residuals": lambda: covariances(equations, fitted, fitted.solution, causes),
+        "stage: covariances of correlated residuals": lambda: covariances(equations, fitted, causes),
         "stage: warnings of the fit": told,
         "stage: gear ripple": lambda: gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz),
         "identify wls": lambda: identify([recording], robot, mounting),

@@ -11,7 +11,7 @@ import numpy as np
 
 from monitor.identify.fit.fit import Fit, FitProblem, mean_load, robust_inflation, solved
 from monitor.identify.fit.jackknife import jackknife_covariances
-from monitor.identify.fit.least_squares import Factor, Rows, Solution, factors, residuals_of, solve, with_own
+from monitor.identify.fit.least_squares import Factor, Felt, Rows, Solution, factors, residuals_of, solve, with_own
 from monitor.model.friction import residual_law
 from monitor.recording import Array
 
@@ -98,19 +98,21 @@ class Covariances(NamedTuple):
     """Covariances (X, X) of the unknowns of a fit, and the friction that its causes leave."""
 
     noise: Array  # how far the same motion scatters; NaN for what the motion did not excite
-    with_misfit: Array
+    leaning: Array  # of the rigid parameters, by what the fit misses of friction and filter; 0 for friction, which means what fits best
     lasting: Array  # by the whole residual in blocks of seconds: what depends on place, load or the time since rest does not average out
     upright: Solution  # the fit beside its causes, as `Causes.beside` gives it
 
 
-def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes) -> Covariances:
+def covariances(problem: FitProblem, found: Fit, causes: Causes) -> Covariances:
     """How sure the unknowns are.
 
-    found : the fit, perhaps moved to a physically consistent arm. free : its solution before that move. causes : of `found`.
+    found : the fit, perhaps moved to a physically consistent arm. causes : of `found`.
     The error of a law returns at every replay at the same places, so it is no noise, although it fills the residual. The residual also does
     not show how far that error moves the parameters: least squares has fitted the parameters to a part of it.
-    A law that lacks something moves the rigid parameters in the same way at every replay, so this difference is added for them. The
-    friction parameters need no such term: they mean the best description by this law. Raises Unidentifiable as `jackknife_covariance`.
+    So what the fit beside its causes finds and the law misses is a torque of each joint, and each joint's moves the rigid parameters. That
+    of one joint says nothing of that of another: a sandwich whose clusters are the joints, as those of noise are blocks of time. Their sum
+    alone would be one direction, which is sure where it happens to cancel.
+    Raises Unidentifiable as `jackknife_covariance`.
     """
     every = causes.every
     upright, noise = causes.beside(REPEATABLE)
@@ -118,13 +120,27 @@ def covariances(problem: FitProblem, found: Fit, free: Solution, causes: Causes)
     # the fit of these rows, not of all: where no other stretch replaces one, what differs would count a thousandfold
     solution = solved(problem, found.law, factors(rows), found.weights, every)
     residuals = residuals_of(rows, solution.values)
-    (alone, together), (_, lasting) = jackknife_covariances(rows, found.weights, solution, [noise, residuals])
+    (alone, _), (_, lasting) = jackknife_covariances(rows, found.weights, solution, [noise, residuals])
     inflation = robust_inflation(found) ** 2
     unknown = ~(found.solution.excited & solution.excited)
     alone[unknown], alone[:, unknown] = np.nan, np.nan
-    leaning, B = np.zeros(len(free.values)), len(problem.prior)
-    leaning[:B] = np.where(problem.layout.rigid & upright.excited[:B], free.values[:B] - upright.values[:B], 0.0)
-    return Covariances(alone * inflation, together * inflation + np.outer(leaning, leaning), lasting * inflation, upright)
+    B = len(problem.prior)
+    missed = [rec.torque_nm - left - Felt.of(bare.Y) @ upright.values[:B] for rec, bare, left in zip(rows, causes.rows, noise, strict=True)]
+    leaning = _moved_by(missed, rows, found.weights, solution)
+    leaning[:, ~np.append(problem.layout.rigid & upright.excited[:B], np.zeros(leaning.shape[1] - B, dtype=bool))] = 0.0
+    return Covariances(alone * inflation, leaning.T @ leaning, lasting * inflation, upright)
+
+
+def _moved_by(missed: Sequence[Array], rows: Sequence[Rows], weights: Array, solution: Solution) -> Array:
+    """(J, X) how far the torque (N, J) that is missed at each joint, in each recording, moves the solution."""
+    scores = np.zeros((len(weights), len(solution.values)))
+    for rec, torque in zip(rows, missed, strict=True):
+        Y, weighted = Felt.of(rec.Y), torque * (rec.root_weight * weights) ** 2
+        for piece, blocks in Y.pieces():
+            for j, block in enumerate(blocks):
+                scores[j, Y.places[j]] += weighted[piece, j] @ block
+    moved: Array = scores @ solution.directions @ solution.directions.T
+    return moved
 
 
 def law_doubt(problem: FitProblem, upright: Solution, line: Array, speeds: Sequence[float]) -> Array:
