@@ -184,15 +184,20 @@ class LearntArm(NamedTuple):
     reference_speed_rad_s: float = 0.4  # at which its friction was followed
 
 
-def learn_prior(arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings) -> dict[str, Any]:
+def learn_prior(
+    arms: Sequence[LearntArm], drift: DriftSettings, temperature: TemperatureSettings, silent: Sequence[str] = ()
+) -> dict[str, Any]:
     """The document of the prior of every model that has an arm with `LEAST_REPLAYS` replays of most joints.
 
-    Raises BadInput where there is none, or where their reference speeds differ.
+    silent : a sentence for each history that says nothing. Raises BadInput where there is none, or where their reference speeds differ.
     """
     old = [arm for arm in arms if float(np.median(arm.state.of_joints(arm.state.replays))) >= LEAST_REPLAYS]
     if not old:
-        most = max((float(np.median(arm.state.of_joints(arm.state.replays))) for arm in arms), default=0.0)
-        raise BadInput(f"no arm with {LEAST_REPLAYS} replays to learn from: the longest history of {len(arms)} holds {most:.0f}")
+        why = [f"{len(silent)} say{'s' if len(silent) == 1 else ''} nothing, the first one: {silent[0]}"] if silent else []
+        if arms or not silent:
+            most = max((float(np.median(arm.state.of_joints(arm.state.replays))) for arm in arms), default=0.0)
+            why.insert(0, f"the longest history of {len(arms)} holds {most:.0f}")
+        raise BadInput(f"no arm with {LEAST_REPLAYS} replays to learn from: {'; '.join(why)}")
     speeds = sorted({arm.reference_speed_rad_s for arm in old})
     if len(speeds) > 1:
         named = "; ".join(f"{speed:g} rad/s in {next(arm.name for arm in old if arm.reference_speed_rad_s == speed)}" for speed in speeds)
@@ -320,7 +325,7 @@ def arms_of_plant(database: Database) -> tuple[list[LearntArm], list[str]]:
 
 def prior_document(arms: Sequence[LearntArm], silent: Sequence[str] = ()) -> dict[str, Any]:
     """The document of `joint-monitor prior`. silent : a sentence for each history that says nothing. Raises BadInput as `learn_prior`."""
-    document = learn_prior(arms, DriftSettings(), TemperatureSettings())
+    document = learn_prior(arms, DriftSettings(), TemperatureSettings(), silent)
     document["learnt_from"]["left_out"] += silent
     return {"made_at": rfc3339(time.time()), "software": f"joint-monitor {__version__}", **document}
 

@@ -64,7 +64,8 @@ def belief_of(database: Database, of: PlantArm) -> dict[str, Any] | None:
 
 def _refuse_without_rows(of: PlantArm) -> None:
     if not of.says_rows:
-        raise StoreError("the rows of its history are not copied: its monitor is of an earlier release, or the plant has not asked it yet")
+        why = "its monitor is of an earlier release or of simulate-plant, or the plant has not asked it yet"
+        raise StoreError(f"the rows of its history are not copied: {why}")
 
 
 class Copy(NamedTuple):

@@ -133,6 +133,20 @@ def test_an_arm_of_an_earlier_release_is_named_and_the_others_teach(folder, data
     assert "south/saw: the rows of its history are not copied: its monitor is of an earlier release" in said
 
 
+def test_a_plant_of_which_no_arm_teaches_says_why(folder, database, address, tmp_path):
+    """The arms that say nothing are named with the reason, as of `simulate-plant`: no history of them is counted as empty."""
+    with Store.open(folder / "south" / "saw") as store:
+        handlers = Handlers(SimpleNamespace(robot=SimpleNamespace(joints=6), store=store), None)
+
+        def history(parameters):
+            return refusing("history: unknown parameter")(parameters) if "stored_after" in parameters else handlers.history(parameters)
+
+        pull(database, Way({"history": history, "event": handlers.events}), "joint-monitor/v1/x", "south", "saw", lambda: 5.0)
+    refused = ended("prior", "--plant", plant_file(tmp_path, address))
+    assert refused.returncode == 2
+    assert "1 says nothing, the first one: south/saw: the rows of its history are not copied" in refused.stderr
+
+
 def test_a_history_that_an_earlier_release_began_is_copied_whole(folder, database):
     """The first start of this one gives it the log, with every row that there is."""
     path = folder / "north" / "press" / "history.sqlite"
