@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 from monitor import __version__
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
 from monitor.plant.arm import ArmName
+from monitor.plant.daily import Daily
 from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import RUNNING, set_note
 from monitor.plant.links import Inbox, Link
-from monitor.plant.priors import Learn, PriorMaker, Priors
+from monitor.plant.priors import Learn, Priors
 from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
 from monitor.publish.session import BusSettings, log_refusals, read_as_session
@@ -59,8 +60,8 @@ class Plant:
             self.following = Following(self.database, self.inbox, self.links, copying, settings.silent_s, time.time)
             if configuration.screen.listen:
                 self.screen = opening.enter_context(_screen(configuration, self.database, self._ways))
-            if learn is not None:
-                opening.enter_context(PriorMaker(self.database, configuration.database, learn, priors, lambda: self.trouble is None))
+            address, days = configuration.database, settings.identified_days
+            opening.enter_context(Daily(self.database, address, days, learn, priors, lambda: self.trouble is None))
             if configuration.metrics.listen:
                 opening.enter_context(_metrics(configuration, self.database))
             self._stack = opening.pop_all()

@@ -32,6 +32,8 @@ class PlantSettings:
     database: str = ""  # "postgresql+psycopg://USER@HOST/NAME"; empty: SQLite in the directory
     workers: Annotated[int, Interval(ge=1, le=32)] = 4  # arms whose histories are copied at the same time
     silent_s: Annotated[float, Interval(ge=15.0, le=3600.0)] = 60.0  # [s] an arm that says nothing for longer is shown as silent
+    # [d] of older replays what they were identified of is taken away, their verdicts stay; as an arm's recordings_days; 0: no limit
+    identified_days: Annotated[float, Interval(ge=0.0, le=36500.0)] = 1825.0
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the key that is wrong. A database's address is not repeated: it may hold a password."""

@@ -12,13 +12,15 @@ from pyarrow import parquet
 from simulated import Way, copy, plant_file, refusing
 
 from monitor.errors import DOES_NOT_HOLD
+from monitor.plant.daily import prune
 from monitor.plant.pull import pull
+from monitor.recording import DAY_S
 from monitor.service.handlers import Handlers
 from monitor.store.archive.archive import Archive, key_of
 from monitor.store.archive.places import ArchiveSettings
 from monitor.store.store import Store
 from monitor.store.stored import COPIED, keep_log
-from monitor.studies.from_plant import arms_of_plant, history_of
+from monitor.studies.from_plant import arms_of_plant, history_of, rows_of
 from monitor.studies.query import TABLES, ArmSource, PlantSource, ask
 
 NAMES = ("north/press", "south/saw")
@@ -110,6 +112,23 @@ def test_a_copied_history_is_made_anew_to_the_last_bit(folder, database, tmp_pat
             assert len(own["assessment"]) > 30
             with history_of(database, arm) as again:
                 assert again.digest == made.digest
+
+
+def test_identified_parts_go_after_their_time_and_everything_else_stays(folder, database):
+    """Of one arm by its own replays' times; a second call finds nothing more, and a limit of 0 takes nothing away."""
+    with Store.open(folder / "north" / "press") as store, store.database.transaction() as writing:
+        judged = store.assessments.judged()
+        writing.executemany("INSERT INTO identified VALUES (?, x'00')", [(each.ledger_id,) for each in judged])
+    copy(database, folder, NAMES)
+    press = arms_of_plant(database)[0]
+    before = {table: len(rows_of(database, press, table)) for table in COPIED}
+    now = judged[-1].recorded_at_unix_s + 3600.0
+    assert prune(database, 0.0, now) == 0
+    old = [each for each in judged if each.recorded_at_unix_s < now - 30 * DAY_S]
+    assert 10 < len(old) < len(judged)
+    assert (prune(database, 30.0, now), prune(database, 30.0, now)) == (len(old), 0)
+    after = {table: len(rows_of(database, press, table)) for table in COPIED}
+    assert after == before | {"identified": len(judged) - len(old)}
 
 
 def test_an_arm_of_an_earlier_release_is_named_and_the_others_teach(folder, database, address, tmp_path):
