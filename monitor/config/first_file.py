@@ -82,7 +82,8 @@ def _robot(answers: Answers) -> Table:
     _add(table, "model", answers.model)
     _add(table, "site", answers.site, "part of the bus's keys")
     _add(table, "id", answers.id, "likewise; unique within the site")
-    _add(table, "host", answers.host, "the controller")
+    here = answers.host.startswith("127.")
+    _add(table, "host", answers.host, "the controller" + (": a simulated one on this machine; else put its address here" if here else ""))
     if answers.robot_api_port != 80:
         _add(table, "robot_api_port", answers.robot_api_port, "of its Robot API; 80 on a real arm")
     _add(table, "mounting", answers.mounting, 'ground, ceiling, wall, or "ROLL,PITCH,YAW" in degrees')

@@ -1,5 +1,6 @@
 """`joint-monitor init` writes a configuration that is right, from what the arm says and what a person answers, and says what is next."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -185,6 +186,18 @@ def test_reported_gains_are_plausible_for_their_model():
         current = load_robot(name).max_torque_nm / np.array(reported.values_nm_per_a)
         assert np.all((current > 0.5) & (current < 100.0))
         assert len(reported.source) > 40
+
+
+def test_an_arm_that_nobody_named_is_not_told_as_one_that_is_there(tmp_path):
+    """The file asks for its address, and `check` says what it takes an address of this machine for."""
+    assert ended("init", tmp_path / "cell.toml", *ON_PAPER).returncode == 0
+    assert (
+        'host = "127.0.0.1" # the controller: a simulated one on this machine; else put its address here'
+        in (tmp_path / "cell.toml").read_text()
+    )
+    checked = ended("check", "--config", tmp_path / "cell.toml", "--json")
+    (address,) = [each for each in json.loads(checked.stdout)["conditions"] if each["name"] == "address"]
+    assert address["text"] == "127.0.0.1 is this machine: an arm here is taken for a simulated one"
 
 
 def test_the_file_is_whole_or_absent(tmp_path, monkeypatch):

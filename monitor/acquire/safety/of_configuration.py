@@ -162,7 +162,7 @@ def local_address(host: str) -> ipaddress.IPv4Address:
     return ipv4
 
 
-SIMULATED_ARM = Sentence("simulated_arm", "{host} is a simulated arm")
+SIMULATED_ARM = Sentence("simulated_arm", "{host} is this machine: an arm here is taken for a simulated one")
 FIRST_PASS_MISSING = Sentence(
     "first_pass_missing", "host {host} is a real arm, and first_pass is false: only a simulated one may go without"
 )
