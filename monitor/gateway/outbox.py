@@ -5,22 +5,20 @@ its own from then on; it sends the message, and notes that it has. A crash in be
 whoever receives it can tell.
 """
 
-import fcntl
-import os
 import random
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from monitor.errors import StoreError, StoreUnavailable
+from monitor.errors import StoreUnavailable
 from monitor.gateway.values import ACTIVE, ENDED, Delivery, Transition, document_of, transition_of
 from monitor.plant.arm import ArmName
 from monitor.plant.database import Database
+from monitor.plant.lock import OnlyOne
 from monitor.plant.tables import delivery
 from monitor.publish.shown import tier_gravity
 from monitor.recording import DAY_S
@@ -313,60 +311,13 @@ class GatewayLock:
     """The lock. `take` again and again is cheap."""
 
     def __init__(self, database: Database) -> None:
-        self._database = database
-        self._held = ExitStack()
-        self._file: int | None = None
-        self._connection: sa.Connection | None = None
+        self._lock, self._name = OnlyOne(database, "gateway", KEY), database.name
 
     def take(self) -> None:
         """Take the lock, or see that it is still ours. Raises AnotherGateway, StoreUnavailable."""
-        if self._database.postgresql:
-            self._take_of_server()
-        elif self._file is None:
-            self._take_of_file()
+        if not self._lock.take():
+            raise AnotherGateway(f"another gateway works with {self._name}; nothing is sent here until it ends")
 
     def release(self) -> None:
         """Give it back."""
-        with suppress(StoreError, sa.exc.SQLAlchemyError):
-            self._held.close()
-        self._file = self._connection = None
-
-    def _take_of_file(self) -> None:
-        path = f"{self._database.file}.gateway.lock"
-        try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
-        except OSError as error:
-            raise StoreUnavailable(f"{path}: cannot be made: {error.strerror}") from None
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(handle)
-            raise AnotherGateway(f"another gateway works with {self._database.name}; nothing is sent here until it ends") from None
-        self._file = handle
-        self._held.callback(os.close, handle)
-
-    def _take_of_server(self) -> None:
-        if self._connection is not None:
-            try:
-                self._connection.execute(sa.text("SELECT 1"))
-                self._connection.rollback()
-                return
-            except sa.exc.SQLAlchemyError:  # its lock ended with the connection
-                self.release()
-        stack = ExitStack()
-        try:
-            connection = stack.enter_context(self._database.session())
-            got = connection.execute(sa.text("SELECT pg_try_advisory_lock(:key)"), {"key": KEY}).scalar_one()
-            connection.commit()  # the lock is the session's: an open transaction would only keep old rows from being cleaned
-        except BaseException as error:
-            with suppress(sa.exc.SQLAlchemyError):
-                stack.close()
-            if isinstance(error, sa.exc.SQLAlchemyError):
-                raise StoreUnavailable(
-                    f"{self._database.name}: the connection was lost while the lock of the gateway was asked for"
-                ) from None
-            raise
-        if not got:
-            stack.close()
-            raise AnotherGateway(f"another gateway works with {self._database.name}; nothing is sent here until it ends")
-        self._held, self._connection = stack, connection
+        self._lock.release()

@@ -130,13 +130,17 @@ class Database:
         finally:
             connection.close()
 
-    def migrate(self) -> None:
-        """Make the tables of an empty database. Raises StoreError where it is of another version or program."""
+    def make_folder(self) -> None:
+        """Of an embedded database. Raises StoreError."""
         if self._file is not None:
             try:
                 self._file.parent.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise StoreError(f"{self._file.parent}: cannot be made: {error.strerror}") from None
+
+    def migrate(self) -> None:
+        """Make the tables of an empty database. Raises StoreError where it is of another version or program."""
+        self.make_folder()
         logging.getLogger("alembic").setLevel(logging.WARNING)  # a step more is no news every time
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))

@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 
 NAMED = 3  # arms whose names are logged where many change at once: a router that is lost is one line, not a thousand
 NOT_STORED = Sentence("health_not_stored", "its document health cannot be stored: {why}")
+STANDBY_KEEPS_S = 60.0  # of last values; longer than it takes to take over
 LARGEST = 1_000_000  # bytes of a last value; the largest of ours have 50 000
 
 
@@ -103,6 +104,11 @@ class Following:
             ways = self.arms[name].ways
             if not ways or self._copying.ask(name, ways, last_values=last_values, doubtful=self.arms[name].failures > 0):
                 del self._to_copy[name]  # one that is being copied now is asked once more afterwards
+
+    def stand_by(self) -> None:
+        """Keep what a plant needs that takes over: what is older, the one that leads has written."""
+        oldest = self._now() - STANDBY_KEEPS_S
+        self._unsaved = {at: value for at, value in self._unsaved.items() if value[0] >= oldest}
 
     def look_again(self) -> None:
         """Compare with the database's own list: after an outage, or when somebody emptied it, arms are copied from where it is.

@@ -269,12 +269,10 @@ def set_arms(database: Database, changed: Sequence[Mapping[str, Any]]) -> None:
         connection.execute(statement, list(changed))
 
 
-def set_note(database: Database, key: str, now_unix_s: float, document: Any) -> Any:
-    """A fact about the plant itself; it replaces an earlier one of this name, and that one is returned; None where there was none."""
+def set_note(database: Database, key: str, now_unix_s: float, document: Any) -> None:
+    """A fact about the plant itself; it replaces an earlier one of this name."""
     insert = (postgresql.insert if database.postgresql else sqlite.insert)(note).values(key=key, at=now_unix_s, document=document)
     with database.write() as connection:
-        before = connection.execute(sa.select(note.c.document).where(note.c.key == key)).scalar_one_or_none()
         connection.execute(
             insert.on_conflict_do_update(index_elements=["key"], set_={"at": insert.excluded.at, "document": insert.excluded.document})
         )
-    return before

@@ -1,4 +1,7 @@
-"""The plant as a service: it runs until SIGTERM; a database or a router that is away is waited for. I/O."""
+"""The plant as a service: it runs until SIGTERM; a database or a router that is away is waited for. I/O.
+
+Of several plants of one database one leads: it alone follows and copies. The others show the screen, and are ready to take over.
+"""
 
 import logging
 import os
@@ -6,10 +9,10 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from monitor import __version__
 from monitor.errors import BadConfiguration, StoreError, StoreUnavailable
@@ -19,6 +22,7 @@ from monitor.plant.database import PATIENCE_S, Database
 from monitor.plant.follow import Following
 from monitor.plant.ingest import RUNNING, set_note
 from monitor.plant.links import Inbox, Link
+from monitor.plant.lock import OnlyOne
 from monitor.plant.priors import Learn, Priors
 from monitor.plant.pull import Copying
 from monitor.plant.settings import PlantConfiguration
@@ -34,6 +38,8 @@ log = logging.getLogger(__name__)
 
 TICK_S = 0.5
 HEARTBEAT_S = 10.0  # between two notes that the plant runs
+STANDBY_S = 2.0  # between two attempts to lead
+KEY = 7_447_028  # of the advisory lock of the plant that leads
 LONGEST_PAUSE_S = 60.0  # between two attempts to reach the database
 
 
@@ -50,9 +56,12 @@ class Plant:
         self.links: dict[str, Link] = {}
         self.screen: ScreenServer | None = None
         self.trouble: str | None = "the database is not open yet"
+        self.leads = False  # whether this plant follows and copies; else another one does
         with ExitStack() as opening:  # what is open is closed where the next one cannot be opened
             self.database = Database(configuration.database, patience_s=PATIENCE_S)
             opening.callback(self.database.close)
+            self._lead = OnlyOne(self.database, "plant", KEY)
+            opening.callback(self._lead.release)
             for endpoint in settings.connect:
                 self.links[endpoint] = link = Link(endpoint, self.inbox, configuration.zenoh_file, answers=priors.answer)
                 opening.callback(link.close)
@@ -66,8 +75,6 @@ class Plant:
                 opening.enter_context(_metrics(configuration, self.database))
             self._stack = opening.pop_all()
         self._pause_s, self._next_try, self._heartbeat_at = 0.0, 0.0, 0.0
-        self._noted = False  # whether this plant has said in the database that it runs
-        self.another: str | None = None  # the host of another plant that writes there
         self._began_unix_s = time.time()
 
     def __enter__(self) -> "Plant":
@@ -82,12 +89,21 @@ class Plant:
         try:
             if trouble is not None and self.trouble is None:
                 raise trouble
-            if self.trouble is not None:
-                if time.monotonic() < self._next_try:
-                    return
+            if (self.trouble is not None or not self.leads) and time.monotonic() < self._next_try:
+                return
+            if not self.leads:
+                self.database.make_folder()
+            if not self._lead.take():
+                self._stand_by()
+                return
+            begins = self.trouble is not None or not self.leads
+            if begins:
                 self._open()
+                if not self.leads:
+                    log.info("this plant leads")
+                self.leads = True
             self.following.write()
-            if self.trouble is not None or time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
+            if begins or time.monotonic() - self._heartbeat_at >= HEARTBEAT_S:
                 self._heartbeat()  # what can be read may still be locked: the trouble is over once a row is written
             if self.trouble is not None:
                 self._answers()
@@ -104,7 +120,7 @@ class Plant:
         counts = self.following.counts()
         lost = [endpoint for endpoint, link in self.links.items() if not link.up]
         parts = [f"WAITING FOR THE DATABASE, nothing is stored: {self.trouble}"] if self.trouble else []
-        parts += [f"ANOTHER PLANT, of {self.another}, writes into this database"] if self.another else []
+        parts += ["STANDS BY: another plant leads"] if not self.leads and not self.trouble else []
         parts += [f"{counts.arms} arms, {counts.sick} sick, {counts.silent} silent"]
         parts += [f"{counts.copying} being copied"] if counts.copying else []
         parts += [f"{counts.problems} cannot be copied"] if counts.problems else []
@@ -115,6 +131,15 @@ class Plant:
         self.database.forget()
         self.database.migrate()
         self.following.look_again()
+
+    def _stand_by(self) -> None:
+        if self.leads or self.trouble is not None:
+            log.info("another plant leads: this one shows the screen, and takes over when that one ends")
+        self.leads, self.trouble, self._pause_s = False, None, 0.0
+        self._next_try = time.monotonic() + STANDBY_S
+        self.following.stand_by()
+        if self.screen is not None:
+            self.screen.screen.rest()
 
     def _answers(self) -> None:
         if self._pause_s:
@@ -141,21 +166,8 @@ class Plant:
             "copying": self.following.counts().copying,
         }
         self.database.make_partitions_ahead(time.time())
-        before = set_note(self.database, RUNNING, time.time(), document)
-        self._see_another(before if isinstance(before, dict) else {}, document)
+        set_note(self.database, RUNNING, time.time(), document)
         self.following.look_again()
-
-    def _see_another(self, before: Mapping[str, Any], own: Mapping[str, Any]) -> None:
-        """Tell where another plant writes into this database: whoever wrote the note before this one of ours, after our first one."""
-        other = self._noted and any(before.get(key) != own[key] for key in ("host", "pid", "started_at_unix_s"))
-        self._noted = True
-        if other and self.another is None:
-            log.error(
-                "trouble=another: the plant of %s (process %s) writes into this database as well; what the two see of the arms takes turns "
-                "unless they have the same routers: end one of them",
-                before.get("host"), before.get("pid"), extra={"trouble": "another"},
-            )  # fmt: skip
-        self.another = str(before.get("host")) if other else None
 
 
 def _screen(configuration: PlantConfiguration, database: Database, ways: Callable[[ArmName], list[Link]]) -> "ScreenServer":
@@ -207,7 +219,7 @@ def serve(configuration: PlantConfiguration, learn: Learn | None = None) -> None
         notify("STOPPING=1")
         try:
             plant.following.receive()
-            if plant.trouble is None:
+            if plant.leads and plant.trouble is None:
                 plant.following.write()
         except StoreError as error:
             log.warning("what was heard last is not stored; the arms say it again: %s", error)

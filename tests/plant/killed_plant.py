@@ -90,12 +90,16 @@ class KilledPlant:
         """Begin what was killed; it may take a while until it works again."""
         if role == "database":
             self.postgres.start()
-        elif role == "plant":
-            self._running[role] = self._process("plant", ["-m", "monitor", "plant", "--config", self.folder / "plant.toml"])
+        elif role.startswith("plant"):
+            self._running[role] = self._process(role, ["-m", "monitor", "plant", "--config", self.configuration(role)])
         else:
             endpoint = self.routers[int(role[-1]) - 1]
             self._running[role] = self._process(role, [HERE / "site_router.py", endpoint])
             assert self._running[role].stdout.readline() == "open\n", self.log(role)
+
+    def configuration(self, role):
+        """The file of a plant."""
+        return self.folder / "plant.toml"
 
     def kill(self, role):
         """By SIGKILL, and it is gone when this returns."""

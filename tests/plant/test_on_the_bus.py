@@ -145,9 +145,9 @@ def test_a_plant_copies_its_arms_follows_them_and_tells_who_is_gone(site, addres
             assert "the plant does not run" in plant_status(database, time.time() + shift_s).not_running.text
 
 
-def test_another_plant_with_the_same_database_is_told(tmp_path, monkeypatch, caplog):
-    """What one hears the other would call silent. One that was started anew is no other, and one that ended is none any more."""
-    monkeypatch.setattr("monitor.plant.run.HEARTBEAT_S", 0.0)
+def test_of_two_plants_of_one_embedded_database_one_leads(tmp_path, monkeypatch):
+    """What one hears the other would call silent. The other takes over when the first one ends; with SQLite too."""
+    monkeypatch.setattr("monitor.plant.run.STANDBY_S", 0.0)
     settings = PlantSettings(connect=("tcp/127.0.0.1:9",), database=f"sqlite:///{tmp_path / 'plant.sqlite'}")
     plants = [PlantConfiguration(path=None, plant=settings)] * 2
 
@@ -155,19 +155,17 @@ def test_another_plant_with_the_same_database_is_told(tmp_path, monkeypatch, cap
         for each in those:
             each.step()
 
-    with Plant(plants[0]) as first:
-        step(first, first)
-        with Plant(plants[1]) as second:
+    with ExitStack() as standing:
+        with Plant(plants[0]) as first:
+            step(first)
+            second = standing.enter_context(Plant(plants[1]))
             step(second, first, second)
-            assert "ANOTHER PLANT" in first.status()
-            assert "ANOTHER PLANT" in second.status()
-        step(first, first)
-        assert "ANOTHER PLANT" not in first.status()
-    caplog.clear()
-    with Plant(plants[1]) as again:
-        step(again, again)
-        assert again.another is None
-    assert "trouble=another" not in caplog.text
+            assert [first.leads, second.leads] == [True, False]
+            assert "STANDS BY: another plant leads" in second.status()
+            assert "STANDS BY" not in first.status()
+        step(second)
+        assert second.leads
+        assert "STANDS BY" not in second.status()
 
 
 def test_a_lock_that_somebody_holds_on_the_database_is_one_line_and_its_end_another(tmp_path, monkeypatch, caplog):
