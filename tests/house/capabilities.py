@@ -1404,6 +1404,10 @@ SURVIVED: dict[str, tuple[str, ...]] = {  # what happens to the monitor and its 
         "plant/test_fifty_kills.py::test_a_kill_of_each_loses_doubles_and_swaps_nothing",
         "plant/test_on_the_bus.py::test_a_database_that_is_killed_is_waited_for",
     ),
+    "the plant that leads killed beside its standby": (
+        "plant/test_standby.py::test_a_plant_that_is_killed_is_taken_over_within_half_a_minute",
+        "plant/test_standby.py::test_the_screen_of_the_standby_shows_every_arm_and_its_commands_reach_them",
+    ),
     "gateway killed and servers away": (
         "plant/test_everything_killed_soak.py::test_one_mail_and_one_ticket_an_alert_over_a_hundred_restarts_of_everything_and_a_day_s_outage",
         "gateway/test_frame.py::test_a_transition_is_offered_once_over_restarts_and_what_was_before_the_gateway_is_told_to_nobody",
