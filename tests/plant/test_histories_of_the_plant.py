@@ -164,6 +164,9 @@ def test_a_plant_of_which_no_arm_teaches_says_why(folder, database, address, tmp
     refused = ended("prior", "--plant", plant_file(tmp_path, address))
     assert refused.returncode == 2
     assert "1 says nothing, the first one: south/saw: the rows of its history are not copied" in refused.stderr
+    refused = ended("reassess", "--plant", tmp_path / "plant.toml", "--results", tmp_path / "results")
+    assert refused.returncode == 2
+    assert "no replay was judged yet of what the plant has; 1 of 1 arms hand over nothing that they judged" in refused.stderr
 
 
 def test_a_history_that_an_earlier_release_began_is_copied_whole(folder, database):

@@ -209,7 +209,12 @@ def reassess(
     results = whole(results)
     found = histories(places, changes) if plant is None else histories_of_plant(plant, changes)
     if not any(arm.recordings for arm in found):
-        raise BadInput(f"{places[0] if plant is None else plant.name}: no replay was judged yet; there is nothing to judge once more")
+        silent = sum(arm.of_plant is not None and not arm.of_plant.says_rows for arm in found)
+        why = "; there is nothing to judge once more"
+        if silent:
+            kept = f"{silent} of {len(found)} arms hand over nothing that they judged: of an earlier release, or simulated"
+            why = f" of what the plant has; {kept}"
+        raise BadInput(f"{places[0] if plant is None else plant.name}: no replay was judged yet{why}")
     began = time.perf_counter()
     Results(results, make=True)
     with cluster(scheduler, workers, results) as client:
