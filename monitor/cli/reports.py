@@ -15,7 +15,7 @@ def reproduce(
     output: ReportOutputOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of searches and noise: the same seed, the same figures.")] = 0,
     replays: Annotated[int, typer.Option(min=2, max=61, help="Of the half hour's warm-up, identified.")] = 13,
-    evaluations: Annotated[int, typer.Option(min=100, max=100_000, help="Of each search for a trajectory.")] = 1600,
+    evaluations: Annotated[int, typer.Option(min=100, max=100_000, help="Of each search for a trajectory.")] = 3000,
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:

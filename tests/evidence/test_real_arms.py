@@ -16,6 +16,7 @@ from monitor.simulate.controller.controller import Controller
 from monitor.simulate.settings import SimulateSettings
 from monitor.simulate.stepped import stepped_replay
 from monitor.store.formats.recordings import write_recording
+from monitor.studies.paper.printed import PRINTED
 from tests.evidence import real_arms
 from tests.evidence.real_arms import ARMS, Run, difference, held_by, of_shanghai, predicted, viscous_change, waves
 
@@ -140,6 +141,7 @@ def test_a_real_ur3_warms_up_as_the_papers_does(arms):
     falls = np.array([[viscous_change(runs[0], run)[0][joint] for joint in range(6)] for run in runs])
     assert np.all(np.diff(falls, axis=0) < 0.0)
     assert 100.0 * falls[-1] == pytest.approx(real_arms.PAPER["UR3, paper"], abs=7.0)
+    assert falls[-1] == pytest.approx(PRINTED["ur3"].elsewhere_change, abs=0.002)  # what `reproduce` shows of it
 
 
 def test_the_ripple_of_a_real_ur3_keeps_its_phase_from_run_to_run(arms):

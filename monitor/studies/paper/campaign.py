@@ -109,7 +109,8 @@ class CampaignSettings:
 
     seed: int = 0
     replays: int = 13  # of the warm-up: one every two and a half minutes
-    evaluations: int = 1600  # of each search for a trajectory
+    evaluations: int = 3000  # of each search for a trajectory: ten generations of the paper's 300
+    optimiser: str = "ga"  # of these searches: the paper's
     repetitions: int = 3  # of the 10 s period in every run, as in the paper
 
 
@@ -241,12 +242,14 @@ def _warm_up(arm: Controller, trajectory: Excitation, minutes: Array, robot: Rob
 
 
 def _designed(robot: Robot, mounting: str, settings: CampaignSettings, *, random: bool = False) -> Excitation:
-    """A trajectory with the smallest cond(Ȳ_B), the paper's criterion, or a pseudo-random one; |q̇| ≤ π and |q̈| ≤ 5.5π as in the paper."""
+    """A trajectory with the smallest cond(Ȳ_B), the paper's criterion, or a pseudo-random one; |q̇| ≤ π and |q̈| ≤ 5.5π as there."""
     task = Task(
         robot=robot, mounting=Mounting.parse(mounting), objective="condition", repetitions=settings.repetitions, speed_limit_rad_s=math.pi
     )
     software, seed = f"joint-monitor {__version__}", settings.seed + OTHER_SEED
-    excitation, _ = design(task, software=software, seed=seed, evaluations=settings.evaluations, random=random)
+    excitation, _ = design(
+        task, software=software, seed=seed, evaluations=settings.evaluations, optimiser=settings.optimiser, random=random
+    )
     return excitation
 
 

@@ -36,6 +36,9 @@ class Printed:
     share: Mapping[int, float]  # by joint size: the largest change over the maximum joint torque
     cold_c: tuple[float, ...] | None = None  # joint temperatures before the warm-up; None where the paper prints none
     warm_c: tuple[float, ...] | None = None  # after 30 minutes
+    # of fv, of a real arm of another laboratory, from recordings of one evening 35 minutes apart; None: nobody published any.
+    # `python -m tests.evidence.real_arms warm-up` finds it, and a test holds it where the recordings are
+    elsewhere_change: tuple[float, ...] | None = None
 
 
 PRINTED = {
@@ -45,6 +48,7 @@ PRINTED = {
         average_nm=(0.27, 0.42, 0.59, 0.40, 0.41, 0.39),
         largest_nm=(1.02, 1.25, 1.17, 0.87, 1.03, 0.79),
         share={2: 0.020, 1: 0.042, 0: 0.075},
+        elsewhere_change=(-0.095, -0.103, -0.147, -0.314, -0.288, -0.254),
     ),
     "ur5": Printed(
         validation=(0.4207, 0.0530, 0.0553),

@@ -1,6 +1,7 @@
 """What the commands `assess`, `rehearse`, `reproduce` and `prior` print."""
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -137,20 +138,28 @@ def print_world(document: dict[str, Any]) -> None:
 def print_reproduction(document: dict[str, Any], output: str | None) -> None:
     """Print every compared statement of the paper, by robot, and where the report was written."""
     console = standard_output(150)
-    marks = {True: "[green]holds[/]", False: "[bold red]DOES NOT HOLD[/]", None: "[dim]must differ[/]"}
+    styles = {"holds": "green", "missed": "yellow", "DOES NOT HOLD": "bold red"}
     for robot in document["robots"]:
         table = Table(title=robot["robot"], title_justify="left")
         for title in ("", "statement", "paper", "ours"):
             table.add_column(title, overflow="fold")
         for section in robot["sections"]:
             for check in section["checks"]:
-                table.add_row(marks[check["holds"]], escape(check["what"]), escape(check["paper"]), escape(check["ours"]))
+                verdict = check["verdict"]
+                table.add_row(
+                    f"[{styles.get(verdict, 'dim')}]{verdict}[/]", escape(check["what"]), escape(check["paper"]), escape(check["ours"])
+                )
         console.print(table)
-    checks = [check["holds"] for robot in document["robots"] for section in robot["sections"] for check in section["checks"]]
+    checks = [check for robot in document["robots"] for section in robot["sections"] for check in section["checks"]]
+    told = Counter((check["expected"] == "near", check["verdict"]) for check in checks)
     console.print(
-        f"{checks.count(True)} statements that must agree hold, {checks.count(False)} do not; {checks.count(None)} figures must differ, "
-        f"as the arms are simulated; {document['took_s']:.0f} s"
+        f"{told[False, 'holds']} statements that must agree hold, {told[False, 'DOES NOT HOLD']} do not. Of the paper's own arms "
+        f"{told[True, 'holds']} figures are within their bound, {told[True, 'missed']} are not; "
+        f"{told[False, 'must differ']} must differ, as the arms are simulated; {document['took_s']:.0f} s"
     )
+    for check in checks:
+        if check["verdict"] == "missed":
+            console.print(f"missed: {check['what']}, {check['ours']} for {check['paper']}: {check['why']}", markup=False)
     if output is not None:
         console.print(f"written: {output}", markup=False)
 
