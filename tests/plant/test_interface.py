@@ -156,9 +156,12 @@ def test_an_answer_that_another_method_asks_for_is_a_problem(plant):
     ],
 )
 def test_a_body_that_is_no_command_reaches_no_arm(plant, body, kind, status):
-    asked = len(plant.link.asked)
+    asked, before = len(plant.link.asked), len(plant.audit())
     assert refused(plant, f"{SICK}/ack", "acknowledge", "POST", body, **{"Content-Type": kind})[0] == status
     assert len(plant.link.asked) == asked
+    assert [(*line[:3], line[3].startswith("refused: ")) for line in plant.audit()[before:]] == [
+        ("acknowledgeer", "ack", "hall-1/cell-2", True)
+    ]
 
 
 def test_every_operation_has_a_rule_and_it_is_the_one_that_this_test_knows(plant):
@@ -281,3 +284,19 @@ def test_transitions_come_as_a_stream_and_nothing_is_lost_over_a_cut(plant):
         other = Stream(plant, **{"Last-Event-ID": unknown})
         assert other.event()[::2] == ("begin", {"resumed": False})
         other.connection.close()
+
+
+def test_a_stream_ends_with_its_token_and_is_not_for_other_pages(tmp_path, monkeypatch):
+    """Out at once; and a foreign page, which could read nothing, takes nobody's place. Nor can more listen than there are places."""
+    with PlantOfATest(tmp_path, roles=("look", "move")) as plant:
+        status, why = refused(plant, f"{INTERFACE}/events", **{"Sec-Fetch-Site": "cross-site"})
+        assert (status, "of this very host" in why) == (403, True)
+        monkeypatch.setattr("monitor.plant.screen.interface.MAX_STREAMS", 1)
+        stream = Stream(plant)
+        assert stream.event()[0] == "begin"
+        assert refused(plant, f"{INTERFACE}/events") == (503, "1 are listening already")
+        (tmp_path / "users").write_text((tmp_path / "users").read_text().splitlines()[1] + "\n")
+        begun = time.monotonic()
+        while stream.answer.fp.readline():  # until the server ends it
+            assert time.monotonic() - begun < 8.0
+        assert client(plant, "move").ask("GET", f"{INTERFACE}/arms")[0] == 200

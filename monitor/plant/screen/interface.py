@@ -11,7 +11,7 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 import sqlalchemy as sa
-from fastapi import FastAPI, Header, Path, Query, Security
+from fastapi import Depends, FastAPI, Header, Path, Query, Security
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
@@ -52,7 +52,7 @@ REFUSED = {
     404: "There is no such arm.",
     421: "The name of the host is not this screen's.",
     422: "The request is none.",
-    503: "The database does not answer.",
+    503: "The database does not answer, or no place for a stream is left.",
 }
 NOT_SENT = {
     400: "The body cannot be read.",
@@ -85,24 +85,29 @@ class Guarded(APIRoute):
 
         async def guarded(request: Request) -> Response:
             await self._refuse(request.app.state.access, request)
-            if request.method == "POST":
-                if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
-                    raise HTTPException(415, "expected application/json")
-                if (body := await read_body(request)) is None:
-                    raise HTTPException(413, f"expected at most {MAX_BODY_BYTES} bytes, in some seconds")
-                request._body = body  # where Starlette keeps it
             say = request.app.state.pages.language(request)
             try:
+                if request.method == "POST":
+                    await _read(request)
                 return with_headers(await answer(request))
             except RequestValidationError as error:
                 mistakes = [f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()]
+                await self._note(request, "; ".join(mistakes))
                 return problem(422, "; ".join(mistakes), mistakes)
+            except HTTPException as error:
+                await self._note(request, error.detail)
+                raise
             except BadInput as error:
                 return problem(409, say.say(error.reason))
             except StoreError as error:
                 return problem(503, say.say(error.reason))
 
         return guarded
+
+    async def _note(self, request: Request, why: str) -> None:
+        """Note a command that is none."""
+        if request.method == "POST":
+            await asyncio.to_thread(request.app.state.access.note, request, str(self.operation_id), why)
 
     async def _refuse(self, access: PlantAccess, request: Request) -> None:
         """Raises HTTPException where whoever asks may not; it is noted."""
@@ -149,7 +154,7 @@ class Interface:
         _add(app, f"{joint}/peers", "listPeers", self.peers, answers.Peers)
         _add(app, "/alerts", "listAlerts", self.alerts, answers.Alerts)
         _add(app, "/audit", "readAudit", self.audit, answers.Audit, needs=Role.configure)
-        _add(app, "/events", "streamEvents", self.events, None, response_class=EventSourceResponse)
+        _add(app, "/events", "streamEvents", self._events(), None, response_class=EventSourceResponse)
         for command, role in NEEDED.items():
             if role < Role.move:  # what moves an arm is asked for by a person, at the screen or at the arm
                 kind = next(each for each in KINDS.values() if f"cmd/{command}" in each.keys)
@@ -258,37 +263,50 @@ class Interface:
         lines = [{"at": rfc3339(row.at), "who": row.who, "act": row.act, "robot": row.robot, "text": row.text} for row in rows]
         return {"rows": lines, "next_cursor": str(rows[-1].id) if more else None}
 
-    async def events(
+    async def _joins(
         self,
         request: Request,
-        asked: Annotated[Asked, Query()],  # noqa: ARG002 - of the document
         last_event_id: Annotated[str | None, Header(max_length=100, description="of the event before the cut")] = None,
-    ) -> AsyncIterator[ServerSentEvent]:
-        """Transitions of alerts as the plant copies them.
+    ) -> tuple[str, bool]:
+        """Where a stream begins, and whether that is behind Last-Event-ID. Raises HTTPException where it may not begin, StoreError."""
+        if request.headers.get("sec-fetch-site") in {"cross-site", "same-site"}:  # it can read nothing, and would take somebody's place
+            raise HTTPException(403, "events are for programs and for pages of this very host")
+        if self._streams >= MAX_STREAMS:
+            raise HTTPException(503, f"{MAX_STREAMS} are listening already")
+        if last_event_id is not None and await asyncio.to_thread(self._feed.after, last_event_id) is not None:
+            return last_event_id, True
+        return await asyncio.to_thread(self._feed.here), False
 
-        The first event is `begin`, and says whether everything since Last-Event-ID follows; where not, read the alerts anew.
-        """
-        say = self._say(request)
-        if request.headers.get("sec-fetch-site") in {"cross-site", "same-site"} or self._streams >= MAX_STREAMS:
-            yield ServerSentEvent(event="refused", data={"detail": f"not for other pages, nor for more than {MAX_STREAMS} at once"})
-            return
-        self._streams += 1
-        try:
-            found = None if last_event_id is None else await asyncio.to_thread(self._feed.after, last_event_id)
-            place = await asyncio.to_thread(self._feed.here) if found is None or last_event_id is None else last_event_id
-            yield ServerSentEvent(event="begin", id=place, data={"resumed": found is not None})
-            while not self._closing.is_set() and self._access.signed_in(request):
-                try:
-                    new = await asyncio.to_thread(self._feed.after, place)
-                except StoreError:
-                    new = []  # the plant says that it waits for its database
-                if new is None:  # more came at once than is kept
-                    return
-                for place, each in new:
-                    yield ServerSentEvent(event="transition", id=place, data=_told(each, say))
-                await asyncio.sleep(PERIOD_S)
-        finally:
-            self._streams -= 1
+    def _events(self) -> Callable[..., Any]:
+        """The operation that streams."""
+
+        async def events(
+            request: Request,
+            asked: Annotated[Asked, Query()],  # noqa: ARG001 - of the document
+            joined: Annotated[tuple[str, bool], Depends(self._joins)],
+        ) -> AsyncIterator[ServerSentEvent]:
+            """Transitions of alerts as the plant copies them.
+
+            The first event is `begin`, and says whether everything since Last-Event-ID follows; where not, read the alerts anew.
+            """
+            say, (place, resumed) = self._say(request), joined
+            self._streams += 1
+            try:
+                yield ServerSentEvent(event="begin", id=place, data={"resumed": resumed})
+                while not self._closing.is_set() and self._access.signed_in(request):
+                    try:
+                        new = await asyncio.to_thread(self._feed.after, place)
+                    except StoreError:
+                        new = []  # the plant says that it waits for its database
+                    if new is None:  # more came at once than is kept
+                        return
+                    for place, each in new:
+                        yield ServerSentEvent(event="transition", id=place, data=_told(each, say))
+                    await asyncio.sleep(PERIOD_S)
+            finally:
+                self._streams -= 1
+
+        return events
 
     # --- what is sent
 
@@ -321,6 +339,15 @@ class Interface:
             return self._fleet.arm(ArmName(site, robot))
         except KeyError:
             raise HTTPException(404, "no such arm") from None
+
+
+async def _read(request: Request) -> None:
+    """Read the body of a command. Raises HTTPException where it is too long, or no JSON by what it says of itself."""
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
+        raise HTTPException(415, "expected application/json")
+    if (body := await read_body(request)) is None:
+        raise HTTPException(413, f"expected at most {MAX_BODY_BYTES} bytes, in some seconds")
+    request._body = body  # where Starlette keeps it
 
 
 async def _other(request: Request, error: Exception) -> Response:
