@@ -14,6 +14,7 @@ from plant_screen import ALERT, NOW, Browser, PlantOfATest, documents
 from monitor.plant.screen.access import INTERFACE
 from monitor.plant.screen.interface import Guarded
 from monitor.plant.screen.people import NEEDED, Role
+from monitor.plant.screen.settings import ScreenSettings
 from monitor.plant.tables import friction, history, transition
 
 MORE = {**ALERT, "joint": 4, "acknowledged_at": "2026-01-03T05:00:00Z", "acknowledged_by": "ada"}
@@ -214,6 +215,19 @@ def test_a_command_needs_a_token_or_the_page(plant):
     assert (status, "Authorization: Bearer" in text) == (403, True)
     token = plant.server.screen._access.page_token
     assert person.ask("POST", f"{SICK}/ack", body, **headers, **{"X-Page-Token": token})[0] == 200
+
+
+@pytest.mark.parametrize("proxied", [True, False])
+def test_a_token_that_names_nobody_here_stands_for_no_page(tmp_path, proxied):
+    """A proxy may add its own to whatever a browser sends; and without users there is none that means anything."""
+    settings = ScreenSettings(listen="127.0.0.1:0", **({"proxies": ("127.0.0.1",), "proxy_role": "move"} if proxied else {}))
+    with PlantOfATest(tmp_path, settings, arms=ARMS) as plant:
+        person = Browser(plant.url, Authorization="Bearer of-the-proxy", **({"X_Forwarded_User": "ada"} if proxied else {}))
+        headers, body = {"Content-Type": "application/json"}, json.dumps({**body_of("ack"), "by": "ada"})
+        assert person.ask("GET", f"{INTERFACE}/arms")[0] == 200
+        assert person.ask("POST", f"{SICK}/ack", body, **headers)[0] == 403
+        headers |= {"Origin": f"http://{person.at}", "X-Page-Token": plant.server.screen._access.page_token}
+        assert person.ask("POST", f"{SICK}/ack", body, **headers)[0] == 200
 
 
 def test_a_wrong_token_is_refused_slowly_and_noted_once_an_hour(plant):

@@ -72,6 +72,11 @@ class PlantAccess(OwnPages):
         user = self._users.get(name)
         return user.person if user is not None and user.digest == kept else None
 
+    def by_token(self, request: Request) -> bool:
+        """Whether its own token alone says who sends this: what a proxy adds to a browser's requests proves nothing of the page."""
+        proxied = self._from_proxy(request) and self._of_proxy(request) is not None
+        return self._settings.knows_people and not proxied and bearer(request) is not None
+
     def _from_proxy(self, request: Request) -> bool:
         """Whether a proxy whose word is believed sends this: by its address, and by its secret where there is one."""
         if request.client is None or request.client.host not in self._settings.proxies:

@@ -124,7 +124,7 @@ class Guarded(APIRoute):
             raise HTTPException(401, access.unknown, {"WWW-Authenticate": "Bearer"})
         if (why := await asyncio.to_thread(access.lacks, request, self.needs, act)) is not None:
             raise HTTPException(403, why)
-        if request.method == "POST" and token is None and not access.from_page(request):
+        if request.method == "POST" and not (access.by_token(request) or access.from_page(request)):
             why = "commands come from the page itself, or with a token: Authorization: Bearer TOKEN"
             await asyncio.to_thread(access.note, request, act, why)
             raise HTTPException(403, why)
