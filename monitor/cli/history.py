@@ -1,5 +1,6 @@
 """The commands on the history: `schedule` (past and coming windows), `history`, `export`, `import`, and `query` in SQL."""
 
+import math
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -193,6 +194,8 @@ def query(
     plant: Annotated[Path | None, typer.Option(help=PLANT_HELP, show_default=False)] = None,
     archive: Annotated[str | None, typer.Option(help=ARCHIVE_HELP, show_default=False)] = None,
     endpoint: Annotated[str | None, typer.Option(help="Of the archive's server; else $AWS_ENDPOINT_URL.", show_default=False)] = None,
+    begin: FromOption = None,
+    end: ToOption = None,
     limit: Annotated[int, typer.Option(min=1, max=10_000_000, help="At most so many rows of the answer.")] = 1000,
     csv: Annotated[bool, typer.Option("--csv", help="Comma-separated, with a header.")] = False,
     as_json: JsonOption = False,
@@ -206,9 +209,13 @@ def query(
     sources = _sources(config or [], history or [], archive, endpoint)
     if not sources and plant is None:
         raise BadInput("query: nothing to ask: expected --config FILE, --history FOLDER, --plant FILE or --archive ADDRESS")
+    span = (_when(begin, "--from"), _when(end, "--to"))
+    if plant is None and span != (None, None):
+        raise BadInput("query: --from and --to are for --plant, which may hold years of many arms; expected a WHERE in the question")
     with ExitStack() as opened:
         if plant is not None:
-            sources.append(PlantSource(opened.enter_context(plant_database(plant, migrates=False))))
+            since, until = (-math.inf if span[0] is None else span[0]), (math.inf if span[1] is None else span[1])
+            sources.append(PlantSource(opened.enter_context(plant_database(plant, migrates=False)), since, until))
         opened.enter_context(status_line(f"reading {len(sources)} sources"))
         answer = ask(sql, sources, limit)
     rows = [[plain(value) for value in row] for row in answer.rows]

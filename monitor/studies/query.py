@@ -10,7 +10,7 @@ import os
 import re
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import orjson
 import pyarrow as pa
+import pyarrow.csv as arrow_csv
 import pyarrow.parquet as pq
 import sqlalchemy as sa
 
@@ -58,7 +59,8 @@ TABLES: dict[str, dict[str, str]] = {  # column → DuckDB's type; times are UTC
 OWN = 0  # the number of a history that its own arm has; a plant counts those of an arm from 1
 BATCH = 20_000  # rows that are handed over together
 Rows = Iterator[Sequence[Any]]  # in the order of the table's columns; a time is a number of seconds since 1970
-Batches = Iterator[tuple[str, list[Sequence[Any]]]]  # rows that were read, each with its table
+Batches = Iterator[tuple[str, list[Sequence[Any]] | pa.Table]]  # rows that were read, each with its table; of some columns alone as Arrow
+MOMENT = {"friction": "recorded_at", "events": "happened_at", "ledger": "window_at", "recordings": "recorded_at"}  # of each row
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ class ArmSource:
     robot: str | None = None  # None: likewise, else the folder's name
     archive: ArchiveSettings | None = None  # None: as the history has noted it
 
-    def rows(self, tables: Collection[str]) -> Batches:
+    def rows(self, tables: Mapping[str, Collection[str]]) -> Batches:
         """The rows of the tables, all of one moment."""
         with Store.reader(self.directory, self.archive) as store:
             connection = store.database.connection
@@ -112,12 +114,29 @@ class PlantSource:
     """A plant's database: the histories of many arms, as far as they are copied. Recordings are in the archive, or with the arms."""
 
     database: Database
+    begin_unix_s: float = -math.inf  # of the rows that are read
+    end_unix_s: float = math.inf  # not included
 
-    def rows(self, tables: Collection[str]) -> Batches:
-        """The rows of the tables, all of one moment."""
-        with self.database.read() as connection:
-            for table in tables:
-                yield from _batches(table, _PLANT_ROWS[table](connection.execution_options(yield_per=BATCH)))
+    def rows(self, tables: Mapping[str, Collection[str]]) -> Batches:
+        """The rows of the tables, all of one moment; of friction on a server the columns that are needed, whose figures are many."""
+        with self.database.read() as moment_of:
+            connection = moment_of.execution_options(yield_per=BATCH)
+            for table, columns in tables.items():
+                if table == "friction":
+                    asked = self.friction(columns if self.database.postgresql else TABLES["friction"])
+                    yield from _copied_out(connection, asked) if self.database.postgresql else _batches(table, connection.execute(asked))
+                    continue
+                moment = list(TABLES[table]).index(MOMENT[table])
+                rows = _PLANT_ROWS[table](connection)
+                yield from _batches(table, (row for row in rows if self.begin_unix_s <= row[moment] < self.end_unix_s))
+
+    def friction(self, columns: Collection[str]) -> sa.Select[Any]:
+        """What is asked; a server reads the months of these times alone."""
+        own = [arm.c[name] if name in ("site", "robot") else friction.c[name] for name in TABLES["friction"] if name in columns]
+        asked = sa.select(*own).select_from(friction.join(arm, arm.c.id == friction.c.arm))
+        if self.begin_unix_s > -math.inf:
+            asked = asked.where(friction.c.recorded_at >= self.begin_unix_s)
+        return asked if self.end_unix_s == math.inf else asked.where(friction.c.recorded_at < self.end_unix_s)
 
     def recording(self, which: str) -> Path | None:
         """The file of an archived recording, as `ArmSource.recording`. Raises BadInput where several arms have one of this number."""
@@ -152,7 +171,7 @@ class ArchiveSource:
 
     settings: ArchiveSettings
 
-    def rows(self, tables: Collection[str]) -> Batches:
+    def rows(self, tables: Mapping[str, Collection[str]]) -> Batches:
         """The recordings; nothing else is in an archive."""
         if "recordings" in tables:
             archive = Archive.open(self.settings)
@@ -247,10 +266,29 @@ _ARM_ROWS = {"friction": _friction, "events": _events, "ledger": _ledger, "recor
 # --- the same rows of a plant's database: by columns as far as the plant has them, else from the copied rows of the arms' histories ---
 
 
-def _plant_friction(connection: sa.Connection) -> Rows:
-    columns = (friction.c[name] for name in ("replay", "joint", "recorded_at", *FIGURES, *LIFE))
-    asked = sa.select(arm.c.site, arm.c.robot, friction.c.history, *columns).join(arm, arm.c.id == friction.c.arm)
-    return map(tuple, connection.execute(asked))
+def _copied_out(connection: sa.Connection, asked: sa.Select[Any]) -> Batches:
+    """The rows of friction as the server writes them for a copy, without a Python object for each figure."""
+    names = [column.name for column in asked.selected_columns]
+    within = asked.compile(connection, compile_kwargs={"literal_binds": True})
+    columns = ", ".join(f"(extract(epoch FROM q.{name}) * 1000000)::bigint" if name == "recorded_at" else f"q.{name}" for name in names)
+    sql = f"COPY (SELECT {columns} FROM ({within}) q) TO STDOUT (FORMAT csv)"  # noqa: S608 - fixed names
+    kinds = {name: pa.int64() if name == "recorded_at" else _ARROW[TABLES["friction"][name]] for name in names}
+    driver: Any = connection.connection.driver_connection
+    with tempfile.TemporaryFile(prefix="joint-monitor-query-") as file:
+        with driver.cursor().copy(sql) as rows:
+            for data in rows:
+                file.write(data)
+        if not file.tell():
+            return
+        file.seek(0)
+        read = arrow_csv.ReadOptions(column_names=names, block_size=1 << 24)
+        with arrow_csv.open_csv(file, read, convert_options=arrow_csv.ConvertOptions(column_types=kinds)) as parts:
+            for part in parts:
+                found = pa.Table.from_batches([part])
+                if "recorded_at" in names:
+                    at = names.index("recorded_at")
+                    found = found.set_column(at, "recorded_at", found.column(at).cast(_ARROW[TIME]))
+                yield "friction", found
 
 
 def _plant_events(connection: sa.Connection) -> Rows:
@@ -292,7 +330,7 @@ def _copied(connection: sa.Connection, table: str) -> Iterator[tuple[tuple[str, 
         yield (site, robot, history), unpacked_row(content)
 
 
-_PLANT_ROWS = {"friction": _plant_friction, "events": _plant_events, "ledger": _plant_ledger, "recordings": _plant_recordings}
+_PLANT_ROWS = {"events": _plant_events, "ledger": _plant_ledger, "recordings": _plant_recordings}
 
 
 # --- the question ----------------------------------------------------------------------------------
@@ -323,8 +361,9 @@ def ask(sql: str, sources: Sequence[Source], limit: int) -> Answer:
             _create(connection, table)
         # a word that is no table costs time, and a table that is not loaded would be a wrong answer
         wanted = [table for table in TABLES if re.search(rf"\b{table}\b", sql, re.IGNORECASE)]
+        needed = _needed(connection, duckdb, sql, wanted)
         for source in sources if wanted else ():
-            for table, batch in source.rows(wanted):
+            for table, batch in source.rows(needed):
                 _load(connection, table, batch)
         _load_replays(connection, [match[1] if match[1] is not None else match[2] for match in _REPLAY.finditer(sql)], sources)
         connection.execute("SET enable_external_access = false")
@@ -336,6 +375,31 @@ def ask(sql: str, sources: Sequence[Source], limit: int) -> Answer:
         except duckdb.Error as wrong:
             raise BadInput(f"query: {str(wrong).rstrip()}") from None
     return Answer(columns, found[:limit], len(found) > limit)
+
+
+def _needed(connection: "duckdb.DuckDBPyConnection", duckdb: Any, sql: str, wanted: Sequence[str]) -> dict[str, Collection[str]]:
+    """The columns of each table that the question reads, as DuckDB plans it; all of a table where the plan does not say."""
+    needed: dict[str, Collection[str]] = {table: TABLES[table] for table in wanted}
+    if str(duckdb.extract_statements(sql)[0].type).rpartition(".")[2] not in ("SELECT", "SELECT_STATEMENT"):
+        return needed  # a PIVOT is several questions, of which one is planned
+    try:
+        # a filter in a scan reads columns that the plan does not name, and a table without rows may not be in it
+        connection.execute("SET disabled_optimizers = 'filter_pushdown,statistics_propagation,empty_result_pullup'")
+        plan = orjson.loads(connection.execute(f"EXPLAIN (FORMAT json) {sql}").fetchall()[0][1])
+    except (duckdb.Error, orjson.JSONDecodeError):  # what is wrong with the question is told where it is asked
+        return needed
+    finally:
+        connection.execute("SET disabled_optimizers = ''")
+    scanned: dict[str, set[str]] = {}
+    nodes = list(plan)
+    while nodes:
+        node = nodes.pop()
+        nodes += node.get("children", [])
+        about = node.get("extra_info", {})
+        if "Table" in about:
+            names = about.get("Projections") or []
+            scanned.setdefault(about["Table"].rpartition(".")[2], set()).update([names] if isinstance(names, str) else names)
+    return needed | {table: names & TABLES[table].keys() or {"replay"} for table, names in scanned.items() if table in needed}
 
 
 def plain(value: Any) -> Any:
@@ -414,13 +478,14 @@ def _create(connection: "duckdb.DuckDBPyConnection", table: str) -> None:
     connection.execute(f"CREATE VIEW {table} AS SELECT * FROM read.{table}")  # noqa: S608 - fixed names
 
 
-def _load(connection: "duckdb.DuckDBPyConnection", table: str, batch: Sequence[Sequence[Any]]) -> None:
-    """Hand some thousand rows over."""
-    kinds = TABLES[table]
-    columns = zip(*batch, strict=True)
-    arrays = [_array(values, kind) for values, kind in zip(columns, kinds.values(), strict=True)]
-    connection.register("batch", pa.table(arrays, names=list(kinds)))
-    connection.execute(f"INSERT INTO read.{table} SELECT * FROM batch")  # noqa: S608 - fixed names
+def _load(connection: "duckdb.DuckDBPyConnection", table: str, batch: Sequence[Sequence[Any]] | pa.Table) -> None:
+    """Hand some thousand rows over; columns that were not read are empty."""
+    if not isinstance(batch, pa.Table):
+        kinds = TABLES[table]
+        columns = zip(*batch, strict=True)
+        batch = pa.table([_array(values, kind) for values, kind in zip(columns, kinds.values(), strict=True)], names=list(kinds))
+    connection.register("batch", batch)
+    connection.execute(f"INSERT INTO read.{table} BY NAME SELECT * FROM batch")  # noqa: S608 - fixed names
     connection.unregister("batch")
 
 

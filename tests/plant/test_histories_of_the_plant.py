@@ -2,14 +2,17 @@
 
 import json
 import sqlite3
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pyarrow
 import pytest
+import sqlalchemy as sa
 from command_line import ended, printed
 from lived_monitor import configuration, identified, live_through
 from pyarrow import parquet
 from simulated import Way, copy, plant_file, refusing
+from sqlalchemy.dialects import postgresql
 
 from monitor.errors import DOES_NOT_HOLD
 from monitor.plant.daily import prune
@@ -86,6 +89,19 @@ def test_a_question_to_the_plant_has_the_answer_of_the_folders(folder, database,
         expected = ask(asked, of_folders, 10_000)
         assert len(expected.rows) >= {"friction": 500, "events": 4, "ledger": 94, "recordings": 88}[view]
         assert ask(asked, [PlantSource(database)], 10_000) == expected
+    for asked in (
+        "SELECT robot, max(wear) - min(wear) AS rise FROM friction WHERE joint = 3 GROUP BY ALL ORDER BY ALL",
+        "SELECT replay, wear FROM friction WHERE recorded_at > (SELECT max(recorded_at) FROM friction) - INTERVAL 3 DAY ORDER BY ALL",
+        "SELECT count(*) FROM friction WHERE recorded_at < now() AND wear IS NOT NULL",
+        "SELECT f.robot, f.joint, e.tier, f.p50_days FROM friction f JOIN events e USING (robot, replay, joint) ORDER BY ALL",
+        "FROM (PIVOT friction ON joint USING max(wear) GROUP BY robot) ORDER BY robot",
+        "PIVOT friction ON joint USING max(reference_torque_nm) GROUP BY robot ORDER BY robot",
+        "SELECT robot, wear FROM friction QUALIFY rank() OVER (PARTITION BY robot ORDER BY replay DESC, joint) = 1 ORDER BY 1",
+        "WITH a AS (SELECT robot, COLUMNS('wear.*') FROM friction) SELECT robot, sum(wear_std) > 0 FROM a GROUP BY 1 ORDER BY 1",
+        "SELECT f.wear FROM friction f WHERE EXISTS (FROM ledger l WHERE l.replay = f.replay AND l.state = 'assessed') ORDER BY 1 LIMIT 9",
+        "DESCRIBE friction",
+    ):
+        assert ask(asked, [PlantSource(database)], 100) == ask(asked, of_folders, 100), asked
     for which in ("'north/press/7'", "'press/7'", f"'{address_of_7}'"):
         found = json.loads(
             printed("query", "--plant", tmp_path / "plant.toml", f"SELECT sum(actual_q_0) AS s FROM replay({which})", "--json")
@@ -94,6 +110,25 @@ def test_a_question_to_the_plant_has_the_answer_of_the_folders(folder, database,
     for which, says in (("7", "2 arms have one of this number"), ("'press/8'", "there is no recording")):
         wrong = ended("query", "--plant", tmp_path / "plant.toml", f"FROM replay({which})")
         assert (wrong.returncode, says in wrong.stderr, "Traceback" in wrong.stderr) == (2, True, False)
+
+
+def test_a_question_of_a_month_reads_that_month_alone(folder, database, address, tmp_path):
+    """By --from and --to, in every view; on a server only the partition of that month stands in the plan."""
+    copy(database, folder, NAMES)
+    source = PlantSource(database, *(datetime(2026, month, 1, tzinfo=UTC).timestamp() for month in (7, 8)))
+    found = ask("SELECT count(*), min(recorded_at), max(recorded_at) FROM friction", [source], 1).rows
+    within = "FROM friction WHERE recorded_at >= '2026-07-01' AND recorded_at < '2026-08-01'"
+    assert found == ask(f"SELECT count(*), min(recorded_at), max(recorded_at) {within}", [PlantSource(database)], 1).rows
+    assert 0 < found[0][0] < ask("SELECT count(*) FROM friction", [PlantSource(database)], 1).rows[0][0]
+    if database.postgresql:
+        asked = source.friction(("robot", "wear")).compile(dialect=postgresql.dialect(), compile_kwargs={"literal_binds": True})
+        with database.read() as connection:
+            plan = " ".join(connection.execute(sa.text(f"EXPLAIN {asked}".replace(":", r"\:"))).scalars())
+        assert ("friction_2026_07" in plan, "friction_2026_06" in plan, "friction_other" in plan) == (True, False, False)
+    command = ("query", "--plant", plant_file(tmp_path, address), "SELECT count(*) AS n FROM ledger", "--from", "2026-07-01", "--json")
+    assert 0 < json.loads(printed(*command))["rows"][0]["n"] < 94
+    wrong = ended("query", "--history", folder, "SELECT 1", "--to", "2026-07-01")
+    assert (wrong.returncode, "--from and --to are for --plant" in wrong.stderr) == (2, True)
 
 
 def test_a_copied_history_is_made_anew_to_the_last_bit(folder, database, tmp_path):
