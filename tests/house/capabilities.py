@@ -97,7 +97,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {  # each command of `joint-monitor --hel
         "judge/test_compensation.py::test_torque_is_predicted_by_the_selected_temperature_law",
     ),
     "prior": ("studies/test_fleet_prior.py::test_the_command_learns_from_histories_and_a_new_arm_takes_what_it_writes",),
-    "query": ("service/test_query.py::test_the_command_prints_a_table_csv_or_json_and_says_when_there_is_more",),
+    "query": ("studies/test_query.py::test_the_command_prints_a_table_csv_or_json_and_says_when_there_is_more",),
     "reassess": (
         "studies/test_reassess.py::test_every_verdict_of_a_plant_comes_out_the_same_to_the_last_bit",
         "studies/test_reassess.py::test_other_thresholds_move_alerts_and_a_picture_shows_it",
@@ -356,8 +356,8 @@ DOCUMENTS: dict[str, tuple[str, ...]] = {  # each kind on the bus (`publish.regi
         "publish/test_serviced.py::test_a_greased_joint_waits_for_its_proof",
     ),
     "compensation": (
-        "publish/test_compensation.py::test_the_terms_are_the_friction_of_the_predicted_torque_with_its_doubt",
-        "publish/test_compensation.py::test_every_replay_counts_at_one_temperature_and_those_without_any_are_extrapolated",
+        "publish/test_compensation_document.py::test_the_terms_are_the_friction_of_the_predicted_torque_with_its_doubt",
+        "publish/test_compensation_document.py::test_every_replay_counts_at_one_temperature_and_those_without_any_are_extrapolated",
         "service/test_daemon.py::test_a_replay_is_assessed_published_and_still_known_after_a_restart",
     ),
     "from-production": (
@@ -904,8 +904,8 @@ FILES: dict[str, tuple[str, ...]] = {  # each kind that is read, written or refu
         "judge/test_belief.py::test_a_belief_of_another_schema_is_refused_with_what_to_do",
     ),
     "history in SQL": (
-        "service/test_query.py::test_the_views_hold_what_the_history_holds",
-        "service/test_query.py::test_many_histories_and_plants_are_found_below_a_folder",
+        "studies/test_query.py::test_the_views_hold_what_the_history_holds",
+        "studies/test_query.py::test_many_histories_and_plants_are_found_below_a_folder",
     ),
     "backup of a history": (
         "service/test_backups_and_retention.py::test_a_backup_is_made_beside_a_writer_and_holds_what_was_committed",
