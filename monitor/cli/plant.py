@@ -219,6 +219,7 @@ def _say(document: dict[str, object], text: str, as_json: bool) -> None:
 
 def _priors(address: "str | Path") -> "list[ModelPrior]":
     """Of the plant; its own process alone loads what learns."""
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of each part that it loads
     from monitor.studies.fleet_prior import priors_of_plant
 
     return priors_of_plant(address)
