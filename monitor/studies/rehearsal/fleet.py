@@ -29,6 +29,7 @@ WITHIN_SHARE = 0.7, 1.5  # of `within_std`: in the best replay and in the worst
 MEAN_DUTY = 0.5 * 5.0 / 7.0  # share of the working hours in motion: 0.3 to 0.7 on five days of seven
 REVOLUTIONS_PER_DUTY_DAY = 0.6 * 0.6 / (2.0 * np.pi) * 3600.0 * PRODUCTION_H  # moving for 0.6 of the time, at 0.6 rad/s
 SCENARIOS = ("steady", "seasons", "cold_mornings", "warm_ups", "payload_swaps", "holidays", "wild_replays", "bad_sensors")
+SAME_IN_ALL = ("stribeck_rad_s", "drag_nm")  # of friction laws: sound brakes do not drag
 PAYLOADS = 3  # number that an arm carries in turn in the scenario `payload_swaps`
 
 
@@ -272,7 +273,7 @@ def various(law: FrictionLaw, arms: tuple[int, ...], rng: np.random.Generator) -
     """The friction law of each arm, (*arms, J): they differ as arms of one model do."""
     values = {}
     spread = {"exponent": 0.05, "viscous_per_k": 0.15, "coulomb_per_k": 0.5}
-    for name in law.__dataclass_fields__:
+    for name in (name for name in law.__dataclass_fields__ if name not in SAME_IN_ALL):
         value = getattr(law, name)
         values[name] = value * np.exp(spread.get(name, 0.2) * rng.normal(size=(*arms, len(value))))
     return replace(law, **values)
