@@ -33,7 +33,7 @@ class Daily:
         priors: Priors,
         ready: Callable[[], bool],
     ) -> None:
-        """`days` : of retention. ready : whether the database has its tables and answers. learn : None: no prior is made."""
+        """`days` : of retention. ready : whether this plant leads, and its database answers. learn : None: no prior is made."""
         self._database, self._address, self._days, self._ready = database, address, days, ready
         self._learn, self._priors = learn, priors
         self._compute = Apart(self._alive)

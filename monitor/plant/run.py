@@ -70,7 +70,7 @@ class Plant:
             if configuration.screen.listen:
                 self.screen = opening.enter_context(_screen(configuration, self.database, self._ways))
             address, days = configuration.database, settings.identified_days
-            opening.enter_context(Daily(self.database, address, days, learn, priors, lambda: self.trouble is None))
+            opening.enter_context(Daily(self.database, address, days, learn, priors, lambda: self.leads and self.trouble is None))
             if configuration.metrics.listen:
                 opening.enter_context(_metrics(configuration, self.database))
             self._stack = opening.pop_all()
