@@ -21,7 +21,7 @@ from monitor.judge.temperature.laws import (
     reopen_law,
     update_law,
 )
-from monitor.judge.temperature.stuck import held_still, stuck_sensors, update_sensors
+from monitor.judge.temperature.stuck import held_still, stuck_sensors, suspect_sensors, update_sensors
 from monitor.studies.worlds.laws import SENSOR_STEP_K
 from monitor.studies.worlds.table import WORLDS
 
@@ -112,6 +112,16 @@ def test_a_joint_that_was_never_resolved_has_no_law():
     assert not line.inside(np.full(2, 25.0))[1]
 
 
+def test_friction_at_an_unknown_temperature_teaches_the_level_only_while_none_was_known():
+    """A warm joint without a reading would else be a cold one of less friction; an arm without sensors still has its friction."""
+    cold = law_of(np.array([11.0, 12.0, 13.0]), np.array([10.3, 10.2, 10.1]))
+    assert plain(update_law(cold, np.array([np.nan]), np.array([6.0]))) == plain(cold)
+    blind = initial_law(25.0 * ONE, 9.0 * ONE, fall_per_k=0.015, fall_std_per_k=0.007, scatter=0.05)
+    for value in (9.0, 9.2):
+        blind = update_law(blind, np.array([np.nan]), np.array([value]))
+    assert fit_law(blind, 25.0 * ONE, SETTINGS).intercept[0] == pytest.approx(9.1, abs=0.01)
+
+
 def test_documents_of_laws_and_lines_are_exact():
     """NaN becomes null, and every float is read as it was written."""
     law = update_law(law_of(np.array([21.3, 30.7]), np.array([10.1, 9.3])), np.array([np.nan]), np.array([9.9]))
@@ -155,6 +165,26 @@ def test_a_sensor_that_changes_again_is_used_again():
     for _ in range(20):
         sensors = update_sensors(sensors, np.full(6, 30.0), 6)
     assert not stuck_sensors(sensors).any()
+
+
+def test_a_warm_arm_that_is_replayed_again_and_again_has_no_stuck_sensor():
+    """After a cold morning, every five minutes, steady to a step of the sensor: other joints in turn say the step, at other levels."""
+    sensors, apart = None, np.full(6, 5.0 / 1440.0)
+    for k in range(10):
+        sensors = update_sensors(sensors, np.array([11.0, 11.0, 11.0, 11.1, 11.1, 11.2]) + 0.2 * k, 6, days=apart)
+    for k in range(12):
+        step = np.array([0.0, 0.0, 0.0, 0.06 * (k % 2), 0.06 * (k % 3 == 0), 0.06 * (k // 2 % 2)])
+        sensors = update_sensors(sensors, np.array([44.8, 44.5, 43.6, 45.8, 46.2, 48.9]) + step, 6, days=apart)
+        assert not (suspect_sensors(sensors) | stuck_sensors(sensors) | held_still(sensors)).any(), k
+
+
+def test_a_sensor_that_stands_still_while_the_arm_warms_is_stuck_within_the_hour():
+    """The others are two steps warmer after each replay."""
+    sensors = None
+    for k in range(26):
+        T = np.array([20.0, 20.1, 31.0, 20.4, 20.2, 20.3]) + 0.13 * k * np.array([1, 1, 0, 1, 1, 1])
+        sensors = update_sensors(sensors, T, 6, days=np.full(6, 5.0 / 1440.0))
+    assert stuck_sensors(sensors).tolist() == [False, False, True, False, False, False]
 
 
 def year_of(frozen: Callable[[int, np.ndarray], np.ndarray], days: int, *, constant: bool = False) -> History:

@@ -154,9 +154,10 @@ def initial_law(origin_c: Array, value: Array, *, fall_per_k: float, fall_std_pe
 def update_law(law: Law, temperature_c: Array, value: Array) -> Law:
     """The law after one more replay, (J,) each. A joint with NaN in `value` keeps its law.
 
-    An unknown temperature counts as the origin: the level is learned from it, and the range stays.
+    An unknown temperature counts as the origin as long as none was known: the level is learned from it, and the range stays. Later it
+    teaches nothing: a warm joint would be taken for a cold one of less friction.
     """
-    seen = np.isfinite(value)
+    seen = np.isfinite(value) & (np.isfinite(temperature_c) | ~(law.bins[..., 0] > 0).any(axis=-1))
     origin_value = np.where(np.isnan(law.origin_value), value, law.origin_value)
     t = np.where(np.isfinite(temperature_c), temperature_c - law.origin_c, 0.0)
     y = np.where(seen, value - origin_value, 0.0)

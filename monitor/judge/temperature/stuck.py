@@ -16,7 +16,8 @@ SAME_K = 1.0 / 32.0  # [K] half a step of a UR's sensor: the mean over a replay 
 REPLAYS = 5  # in a row with the same value …
 MOVED_K = 3.0  # [K] … while the median of the other joints varied by so much
 SUSPECT_REPLAYS, SUSPECT_MOVED_K = 3, 1.0  # the same of a value that is not used until it changes, and that nobody is told of
-APART_DAYS = 0.2  # [d] between two replays of which the later one counts: within an hour a temperature may stand still
+APART_DAYS = 0.2  # [d] between two replays of which the later one counts: within an hour a temperature may stand still …
+TOGETHER_K = 4.0 * SAME_K  # … unless the median of the other joints has changed by so much since: two steps of a UR's sensor
 CHANCE = 0.01 / (365.0 * 6.0)  # 0.01 false findings a robot-year, if each replay of each joint could begin a run of the same value
 MOVES_K_PER_MIN = 2.0 * 2.0 * SAME_K  # one step of a UR's sensor in half a minute: the sensor of such a replay is not stuck
 # Changes from replay to replay as if they had been seen of a sensor that something else speaks against: its readings are one and the same
@@ -30,7 +31,7 @@ class SensorHistory:
     """For how long each joint's sensor has had its present value, (N,) each; NaN before the first replay."""
 
     value_c: Annotated[Array, "N"]
-    replays: Annotated[Array, "N"]  # in a row with this value
+    replays: Annotated[Array, "N"]  # in a row with this value, apart in time or while the others moved
     others_low_c: Annotated[Array, "N"]  # lowest median of the arm's other joints in these replays
     others_high_c: Annotated[Array, "N"]  # and the highest
     held: Annotated[Array, "N"]  # of these replays after the first, those that count: apart in time, and no reading in them was another
@@ -75,12 +76,13 @@ def update_sensors(
     others = median_of_others(np.where(same, np.nan, T), joints_per_arm)  # of those that move: the others may be stuck
     changed = known & ~same
     apart = np.full(N, True) if days is None else days >= APART_DAYS
+    moving = median_of_others(np.abs(T - was.value_c), joints_per_arm) >= TOGETHER_K  # False where nobody knows
     steady = np.full(N, np.nan) if constant is None else constant
     slope = np.full(N, np.nan) if warming_k_per_min is None else np.abs(warming_k_per_min)
     counts, still = apart & ~(slope > MOVES_K_PER_MIN) & (steady != 0.0), np.nan_to_num(steady)
     return SensorHistory(
         value_c=np.where(changed, T, was.value_c),
-        replays=np.where(same, was.replays + 1.0, np.where(known, 1.0, was.replays)),
+        replays=np.where(same, was.replays + (apart | moving), np.where(known, 1.0, was.replays)),
         others_low_c=np.where(same, np.fmin(was.others_low_c, others), np.where(known, others, was.others_low_c)),
         others_high_c=np.where(same, np.fmax(was.others_high_c, others), np.where(known, others, was.others_high_c)),
         held=np.where(changed, 0.0, was.held + (same & counts)),
