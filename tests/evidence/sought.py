@@ -85,12 +85,12 @@ def compare(name: str, *, arms: int, days: int, seed: int) -> Compared:
 def main() -> None:
     """Print both lines."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", default=["summer-24-sudden"], choices=[*WORLDS], metavar="WORLD")
+    parser.add_argument("names", nargs="*", choices=[*WORLDS, []], metavar="WORLD", help="default: summer-24-sudden")
     parser.add_argument("--arms", type=at_least_one, default=60)
     parser.add_argument("--days", type=at_least_one, default=1095)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    for name in given.names:
+    for name in given.names or ["summer-24-sudden"]:
         sys.stdout.write("\n".join(compare(name, arms=given.arms, days=given.days, seed=given.seed)) + "\n")
         sys.stdout.flush()
 
