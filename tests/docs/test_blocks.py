@@ -25,7 +25,7 @@ from monitor.acquire.ur import node_script
 from monitor.cli.main import every_command
 from monitor.config.load import load
 from monitor.errors import BadConfiguration
-from monitor.gateway.mqtt.channel import _request
+from monitor.gateway.mqtt.channel import request_in
 from monitor.gateway.settings import CHANNELS, load_gateway
 from monitor.gateway.tickets.listener import Acknowledge
 from monitor.judge.friction.noise import NoisePriors
@@ -139,7 +139,7 @@ def test_a_json_block_is_a_document_that_the_program_takes_or_writes(block):
         assert set(document) <= set(Acknowledge.model_fields)
         assert Acknowledge.model_validate(document).by == "Ada"
     elif "wear_percent" not in document:
-        assert _request(block.text.encode()) == document
+        assert request_in(block.text.encode()) == document
 
 
 @of("js")

@@ -126,7 +126,7 @@ def test_the_service_tells_systemd_that_it_runs_delivers_and_ends_at_sigterm(pla
                 said.append(manager.recv(1000).decode())
         except BlockingIOError:
             pass
-    assert next(each for each in said if "READY" in each).startswith("READY=1\nSTATUS=1 arms; mail: 1 addresses")
+    assert next(each for each in said if "READY" in each).startswith("READY=1\nSTATUS=1 arms; mail: 1 address,")
     assert "WATCHDOG=1" in said
     assert said[-1] == "STOPPING=1"
     assert server.subjects() == ["[wear] hall/cell-1: Elbow turns 9 % heavier than at the beginning."]

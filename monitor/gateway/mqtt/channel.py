@@ -203,7 +203,7 @@ class MqttChannel:
             known = self._seen.get(name)
             if known is None:
                 raise BadInput(f"{name} is no arm of the plant")
-            about = _request(payload)
+            about = request_in(payload)
             done, text = acknowledge(self._commands, name, asked_for(known[0].alerts, about), about)
         except BadInput as error:
             log.warning("mqtt: a message on %r is refused: %s", topic, error)
@@ -211,7 +211,7 @@ class MqttChannel:
         broker.send(f"{topic}/answer", orjson.dumps({"done": done, "text": text}), retain=False)
 
 
-def _request(payload: bytes) -> Mapping[str, Any]:
+def request_in(payload: bytes) -> Mapping[str, Any]:
     """What somebody asks for. Raises BadInput."""
     try:
         about = orjson.loads(payload)
