@@ -44,10 +44,11 @@ class S3Server:
     process: "subprocess.Popen[bytes] | None" = None
     bucket: str = "recordings"
     processors: int = 1
+    host: str = "127.0.0.1"
 
     @property
     def endpoint(self) -> str:
-        return f"http://127.0.0.1:{self.port}"
+        return f"http://{self.host}:{self.port}"
 
     def start(self) -> None:
         with (self.folder / "log").open("ab") as log:
@@ -79,7 +80,7 @@ class S3Server:
             access_key=keys[0],
             secret_key=keys[1],
             scheme="http",
-            endpoint_override=f"127.0.0.1:{self.port}",
+            endpoint_override=f"{self.host}:{self.port}",
             region="us-east-1",
             allow_bucket_creation=True,
             retry_strategy=fs.AwsStandardS3RetryStrategy(max_attempts=1),
@@ -169,10 +170,10 @@ def refusing_server(status: int, code: str, certificate: trustme.LeafCert | None
 
 
 @contextmanager
-def s3_server(folder: Path, volume_mb: int = 64, processors: int = 1) -> Iterator[S3Server]:
+def s3_server(folder: Path, volume_mb: int = 64, processors: int = 1, host: str = "127.0.0.1") -> Iterator[S3Server]:
     """A server whose files are below `folder`, at ports that the kernel chooses; it holds eight volumes of that size.
 
-    processors : on which it runs.
+    processors : on which it runs. host : address of this machine at which it answers.
     """
     program = weed()
     reader = ("reader", "another-secret-of-the-tests")
@@ -182,17 +183,17 @@ def s3_server(folder: Path, volume_mb: int = 64, processors: int = 1) -> Iterato
     ]
     (folder / "s3.json").write_text(json.dumps({"identities": identities}))
     (folder / "data").mkdir(exist_ok=True)
-    server = _started(program, folder, volume_mb, processors)
+    server = _started(program, folder, volume_mb, processors, host)
     try:
         yield server
     finally:
         server.stop()
 
 
-def _started(program: str, folder: Path, volume_mb: int, processors: int) -> S3Server:
+def _started(program: str, folder: Path, volume_mb: int, processors: int, host: str) -> S3Server:
     """A server that answers; another process may take a port between the choice and the start."""
     for attempt in range(ATTEMPTS):
-        server = _at_free_ports(program, folder, volume_mb)
+        server = _at_free_ports(program, folder, volume_mb, host)
         server.processors = processors
         try:
             server.start()
@@ -204,14 +205,14 @@ def _started(program: str, folder: Path, volume_mb: int, processors: int) -> S3S
     raise AssertionError
 
 
-def _at_free_ports(program: str, folder: Path, volume_mb: int) -> S3Server:
+def _at_free_ports(program: str, folder: Path, volume_mb: int, host: str) -> S3Server:
     parts = ("master", "volume", "filer", "s3")
     with ExitStack() as stack:
         probes = [stack.enter_context(socket.socket()) for _ in range(2 * len(parts))]
         for probe in probes:
-            probe.bind(("127.0.0.1", 0))
+            probe.bind((host, 0))
         ports = [probe.getsockname()[1] for probe in probes]
-    arguments = [program, "server", f"-dir={folder / 'data'}", "-ip=127.0.0.1", "-ip.bind=127.0.0.1", "-s3", "-filer", "-iam=false"]
+    arguments = [program, "server", f"-dir={folder / 'data'}", f"-ip={host}", f"-ip.bind={host}", "-s3", "-filer", "-iam=false"]
     for k, part in enumerate(parts):
         arguments += [f"-{part}.port={ports[2 * k]}", f"-{part}.port.grpc={ports[2 * k + 1]}"]
     arguments += [f"-s3.config={folder / 's3.json'}", "-s3.autoCreateBucket=false", "-s3.port.iceberg=0", "-s3.port.lance=0"]
@@ -222,4 +223,4 @@ def _at_free_ports(program: str, folder: Path, volume_mb: int) -> S3Server:
         f"-filer.localSocket={folder / 'filer.sock'}",
     ]
     arguments += [f"-s3.localSocket={folder / 's3.sock'}", "-master.electionTimeout=1s"]
-    return S3Server(folder, ports[6], arguments)
+    return S3Server(folder, ports[6], arguments, host=host)

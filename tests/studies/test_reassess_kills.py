@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from importlib.util import find_spec
@@ -64,12 +64,12 @@ def plant(lived: Path, server: S3Server, tmp_path_factory) -> Path:  # noqa: F81
 
 
 @contextmanager
-def dask(folder: Path, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """One process of Dask's own commands. What it leaves behind ends with it."""
+def dask(folder: Path, *words: str, within: Sequence[str] = ()) -> Iterator["subprocess.Popen[bytes]"]:
+    """One process of Dask's own commands, begun by the command `within`. What it leaves behind ends with it."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "DASK_TEMPORARY_DIRECTORY": str(folder)}
     with (folder / f"{words[0]}.log").open("ab") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "dask", *words], stdout=log, stderr=log, env=environment, cwd=folder, start_new_session=True
+            [*within, sys.executable, "-m", "dask", *words], stdout=log, stderr=log, env=environment, cwd=folder, start_new_session=True
         )
     try:
         yield process
@@ -91,9 +91,9 @@ def wait_for(what: Callable[[], object], why: str) -> None:
         time.sleep(0.05)
 
 
-def scheduler_of(folder: Path, stack: ExitStack, name: str) -> tuple[str, "subprocess.Popen[bytes]"]:
+def scheduler_of(folder: Path, stack: ExitStack, name: str, host: str = "127.0.0.1") -> tuple[str, "subprocess.Popen[bytes]"]:
     file = folder / f"{name}.json"
-    words = ("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    words = ("scheduler", "--host", host, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
     process = stack.enter_context(dask(folder, *words))
     wait_for(lambda: file.is_file() and file.read_text().strip().endswith("}"), f"{name} does not start")
     return json.loads(file.read_text())["address"], process
