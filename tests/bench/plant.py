@@ -161,9 +161,9 @@ def _page(database: Database, arm: int, _: int) -> None:
     assert content.history()["replays"] == DAYS
 
 
-def load(full: bool) -> None:
-    """Simulated arms in one process with the routers, the plant in another one, PostgreSQL in its own."""
-    arms, seconds = (1000, 40.0) if full else (100, 20.0)
+def load(full: bool, arms: int | None = None) -> None:
+    """Simulated arms in one process with the routers, the plant in another one, PostgreSQL in its own; `arms` : instead of 1000 or 100."""
+    arms, seconds = arms or (1000 if full else 100), 40.0 if full else 20.0
     routers = [f"tcp/127.0.0.1:{port}" for port in PORTS]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with _postgres() as server, tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
@@ -304,7 +304,7 @@ def _say(what: str) -> None:
     print(f"{what}   [load {one:.1f}, {five:.1f} in five minutes, {os.cpu_count()} cores]", flush=True)
 
 
-PARTS: dict[str, Callable[[bool], None]] = {"paint": paint, "history": history, "load": load}
+PARTS: dict[str, Callable[..., None]] = {"paint": paint, "history": history, "load": load}
 
 
 def main() -> None:
@@ -312,10 +312,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.plant", description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help="default: all of them")
     parser.add_argument("--full", action="store_true", help="1000 arms and five years: eight minutes and 4 GB on the disk")
+    parser.add_argument("--arms", type=int, help="of the part load: so many in place of 1000 or 100")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended"))  # and with it all that it has started
     for name in arguments.parts or PARTS:
-        PARTS[name](arguments.full)
+        PARTS[name](arguments.full, *([arguments.arms] if name == "load" else []))
     if missed:
         sys.exit(f"missed: {'; '.join(missed)}")
     print(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0:.0f} MB at most in this process")
