@@ -34,7 +34,7 @@ test: $(STAMP) ## the whole ordinary suite
 soak: $(STAMP) ## the longer evidence: kills, faults, fuzz, fleets; bounded and seeded
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m soak
 
-card: $(STAMP) ## what the verdicts are worth: docs/figures.md from a seeded fleet of 480 arms and 54 worlds, about 50 minutes
+card: $(STAMP) ## what the verdicts are worth: docs/figures.md from a seeded fleet of 480 arms and 57 worlds, about 50 minutes
 	$(BIN)/python -m tests.evidence.card
 
 docs: $(STAMP) ## the pages that are generated, and the site of all pages in build/site

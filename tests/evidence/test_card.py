@@ -80,7 +80,7 @@ def test_every_world_of_the_card_has_arms():
     """Fewer where nobody set a goal beforehand."""
     assert arms_of("slow-joint", 64) == (64, 24)
     assert arms_of("plain", 64)[0] > 64 > arms_of("weekdays", 64)[0] >= 12
-    assert arms_of("plain", 64)[1] > arms_of("plain", 64)[0]  # a median needs more arms than a rate
+    assert arms_of("plain", 64)[1] > arms_of("slow-joint", 64)[1]  # a median that lies near what is asked for
 
 
 def test_the_card_marks_what_was_not_reached():
