@@ -62,8 +62,8 @@ Each row is a world with friction, heat, noise and wear of its own, from seed {s
 NOT_KNOWING = """
 What does it cost not to know the noise? An observer who knows σ and ρ exactly, and that nothing but wear and temperature moves friction,
 learns level and temperature law of each joint and looks for rises by steps and rates, by their generalised likelihood ratio. It has the
-same arms, and a threshold by which it has as many false advisories as the judge, or as many as are asked for. The judge knows none of this.
-Median days, with bounds:
+same arms, and a threshold by which it has as many false advisories as the judge, or as many as are asked for. The judge knows none of this,
+and counts no replay for more than 2.3 standard deviations. Median days, with bounds:
 
 | world | wear | asked for | judge, at its false advisories a robot-year | who knows the noise, at as many | at what is asked for |
 |---|---|---|---|---|---|
