@@ -79,7 +79,7 @@ class Archive:
         for key, size in self._place.listed(folder):
             match = _KEY.fullmatch(key)
             if match is not None and not any(value is not None and match[name] != value for name, value in wanted.items()):
-                yield recording_in(key, size)
+                yield _recording(match, size)
 
     def read(self, key: str, digest: str = "") -> bytes:
         """The content of a recording, compared with the SHA-256 that its name and `digest` (its beginning, or all of it) say.
@@ -126,12 +126,16 @@ def split_address(address: str) -> tuple[str, str]:
     return root, f"site={rest}"
 
 
-def recording_in(key: str, size: int = 0) -> ArchivedRecording:
-    """The recording that a key names."""
+def recording_in(key: str) -> ArchivedRecording:
+    """The recording that a key names; its size is not known."""
     match = _KEY.fullmatch(key)
     assert match is not None
+    return _recording(match, 0)
+
+
+def _recording(match: re.Match[str], size: int) -> ArchivedRecording:
     at = datetime.strptime(match["at"], _STAMP).replace(tzinfo=UTC).timestamp()
-    return ArchivedRecording(key, match["site"], match["robot"], int(match["year"]), at, int(match["replay"]), match["digest"], size)
+    return ArchivedRecording(match[0], match["site"], match["robot"], int(match["year"]), at, int(match["replay"]), match["digest"], size)
 
 
 class RecordingCache:
