@@ -18,6 +18,8 @@ from typing import NamedTuple
 
 import psycopg
 
+from monitor.plant.database import Database
+
 HERE = Path(__file__).parent
 SITES = ("site-1", "site-2", "site-3")
 ROLES = ("plant", "router 1", "router 2", "router 3", "database")
@@ -65,8 +67,8 @@ class KilledPlant:
             words = map(str, (arms, days, changes_a_s, day_every_s, seed, *self.routers))
             self._arms = self._process("arms", [HERE / "restless_arms.py", *words])
             self.first = sum(json.loads(self._said()).values())
-            self.start("plant")
             self._witness()
+            self.start("plant")
         except BaseException:
             self.__exit__()
             raise
@@ -149,14 +151,13 @@ class KilledPlant:
         return time.monotonic() - began
 
     def _witness(self):
-        def there():
-            try:
-                self.asked(WITNESS)
-            except (psycopg.OperationalError, psycopg.errors.UndefinedTable):
-                return False
-            return True
-
-        self.until(there, "the plant's tables")
+        """Before a plant writes: what it writes first is seen too."""
+        database = Database(self.address)
+        try:
+            database.migrate()
+        finally:
+            database.close()
+        self.asked(WITNESS)
 
     def caught_up(self):
         """Wait until nothing is behind for a moment, while transitions go on."""
