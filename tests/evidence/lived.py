@@ -7,6 +7,7 @@ import numpy as np
 from monitor.judge.alerts.evidence import weigh_evidence
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.friction.observation import Observation
+from monitor.judge.friction.step import FrictionModel, FrictionState
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 
@@ -82,6 +83,12 @@ def lived(y: Array, *, interval_days: float = 1.0, settings: AssessSettings | No
     raises, falls, together, wear, std = (np.array(each) for each in zip(*kept, strict=True))
     of_joints = (each.reshape(D, A, J) for each in (wear, std))
     return Lived(state, raises.reshape(D, A, J), falls.reshape(D, A, J), together, *of_joints)
+
+
+def learnt_correlation(state: FrictionState, model: FrictionModel) -> Array:
+    """(A·J,) correlation of the noise of one day and the next that the judge believes in."""
+    rho: Array = state.of_joints((state.p * model.noise.column("rho")).sum(axis=0))
+    return rho
 
 
 def of_joint(which: int, value: Array) -> Array:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from evidence.lived import J, correlated, fleet, flicker, lived, of_joint, swelling
-from monitor.judge.friction.figures import noise_correlation, noise_var
+from evidence.lived import J, correlated, fleet, flicker, learnt_correlation, lived, of_joint, swelling
+from monitor.judge.friction.figures import noise_var
 from monitor.judge.settings import AssessSettings
 
 pytestmark = pytest.mark.soak
@@ -51,7 +51,7 @@ def test_slow_wear_of_one_joint_is_not_taken_for_its_noise():
     days, onset, arms = 220, 100, 12
     worn = of_joint(2, np.log1p(0.1 / 365.0 * np.maximum(np.arange(days) - onset, 0)))
     friction = fleet(arms, worn, seed=7).state.friction
-    rho, var = (each(friction, MODEL).reshape(arms, J) for each in (noise_correlation, noise_var))
+    rho, var = (each(friction, MODEL).reshape(arms, J) for each in (learnt_correlation, noise_var))
     assert np.mean(rho[:, 2] - np.delete(rho, 2, axis=1).mean(axis=1)) < 0.05
     assert np.mean(np.log(var[:, 2])) < np.mean(np.log(np.delete(var, 2, axis=1))) + 0.2
 

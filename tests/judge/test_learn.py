@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from evidence.lived import learnt_correlation
 from synthetic_arm import CONTEXT, COULOMB_NM, START_S, Arm, History, fresh, lived_together, weather
 
 from monitor.errors import BadInput
 from monitor.judge.alerts.rules import why_not_alerting
 from monitor.judge.drift.step import OUTLIER, STEP, UNRESOLVED
-from monitor.judge.friction.figures import noise_correlation, noise_var
+from monitor.judge.friction.figures import noise_var
 from monitor.judge.friction.states import SLOPE
 from monitor.judge.friction.step import FrictionState
 from monitor.judge.learn import learn
@@ -85,7 +86,7 @@ def test_the_noise_between_replays_is_learnt(quiet, arm, noise):
 
 def test_the_autocorrelation_of_the_noise_is_learnt(quiet):
     """The mean over the joints after 150 replays distinguishes ρ = 0.5 from ρ = 0; its σ is about 0.03."""
-    learnt = noise_correlation(quiet, SETTINGS.friction).reshape(-1, 6).mean(axis=1)
+    learnt = learnt_correlation(quiet, SETTINGS.friction).reshape(-1, 6).mean(axis=1)
     assert learnt[2] < 0.2
     assert learnt[3] > 0.3
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from evidence.lived import J, correlated, flicker
+from evidence.lived import J, correlated, flicker, learnt_correlation
 from evidence.lived import lived as lived_by_fleet
 
 from monitor.judge.drift.step import DriftState
-from monitor.judge.friction.figures import found_wear, likeliest_kind, noise_correlation, noise_var
+from monitor.judge.friction.figures import found_wear, noise_var
 from monitor.judge.settings import AssessSettings
 from monitor.recording import Array
 
@@ -39,7 +39,7 @@ def test_noise_far_below_its_prior_is_learnt_within_weeks():
     rng = np.random.default_rng(3)
     state, _ = lived(correlated(rng, 30, 10 * J, std=0.007, rho=0.0))
     assert np.median(np.sqrt(noise_var(state.friction, MODEL))) < 0.009
-    assert np.median(noise_correlation(state.friction, MODEL)) < 0.4
+    assert np.median(learnt_correlation(state.friction, MODEL)) < 0.4
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_joints_own_rise_never_excuses_it_and_its_noise_stays_what_it_was():
     assert np.array_equal(alerted.reshape(4, J).any(axis=0), np.arange(J) == 1)
     assert alerted.reshape(4, J)[:, 1].all()
     kinds = np.array([kind.kappa > 0.0 for kind in MODEL.noise.kinds])
-    assert not kinds[likeliest_kind(state.friction)].any()
+    assert not kinds[state.friction.of_joints(state.friction.p).argmax(axis=0)].any()
 
 
 @pytest.mark.slow
@@ -118,6 +118,6 @@ def test_a_joint_differs_from_its_arm_in_correlation_as_far_as_it_proves_to():
     rng, arms = np.random.default_rng(10), 6
     rho = np.tile(np.where(np.arange(J) == 2, 0.9, 0.2), arms)
     noise = correlated(rng, 365, arms * J, std=0.02, rho=rho)
-    found = noise_correlation(lived(noise)[0].friction, MODEL).reshape(arms, J)
+    found = learnt_correlation(lived(noise)[0].friction, MODEL).reshape(arms, J)
     assert np.median(found[:, 2]) > 0.75
     assert np.median(np.delete(found, 2, axis=1)) == pytest.approx(0.2, abs=0.12)

@@ -129,18 +129,6 @@ def noise_var(state: FrictionState, model: FrictionModel) -> Array:
     return var
 
 
-def noise_correlation(state: FrictionState, model: FrictionModel) -> Array:
-    """(N,) correlation of the fast noise of one day and the next."""
-    rho: Array = state.of_joints((state.p * model.noise.column("rho")).sum(axis=0))
-    return rho
-
-
-def likeliest_kind(state: FrictionState) -> np.ndarray:
-    """(N,) number of the likeliest kind of noise."""
-    kind: np.ndarray = np.argmax(state.of_joints(state.p), axis=0)
-    return kind
-
-
 def uneven_std(state: FrictionState, warming_k_per_min: Array, model: FrictionModel) -> Array:
     """(N,) what of the lag's effect differs from replay to replay [log]; warming_k_per_min : (N,)."""
     lag = state.of_joints((state.p * state.x[:, LAG]).sum(axis=0))
