@@ -151,6 +151,25 @@ def test_the_law_drawn_is_the_one_that_predicts_torque(opened):
         assert np.allclose(below, value - 2 * std)
 
 
+@pytest.mark.parametrize(("apart_s", "says"), [(3600, ":"), (43200, ":"), (5 * 86400, "")])
+def test_no_two_marks_along_the_time_read_alike(opened, apart_s, says):
+    """Nine replays, an hour, half a day or five days after each other."""
+    marks = opened[0]().evaluate(
+        """async (apart) => {
+            const charts = new Charts(), n = [...Array(9).keys()], of = (x) => n.map(() => x);
+            const own = { wear: of(0.01), wear_std: of(0.01), replay_torque_nm: of(1), replay_torque_std_nm: of(0.01), reference_torque_nm: of(1) };
+            charts.wear({ t: n.map((k) => 1.7e9 + apart * k) }, own, 3, [], null, 0.5);
+            await new Promise(setTimeout);  // it is drawn after this turn
+            return charts.plots.wear.axes[0]._values; }""",
+        apart_s,
+    )
+    hours = [mark.split("\n")[0] for mark in marks]
+    assert len(marks) > 2
+    assert all(says in mark for mark in hours)
+    assert sum("\n" in mark for mark in marks) < len(marks)  # a day is named once
+    assert len(set(marks)) == len(marks) or apart_s == 43200  # noon and midnight come again, each day named
+
+
 def test_choosing_a_joint_in_drawing_table_or_tabs_shows_it_everywhere(opened):
     """A click on any of the three chooses the joint."""
     page = opened[0]()

@@ -18,7 +18,7 @@ from monitor.reason import reason_of, with_reasons
 from monitor.service.history.report import report
 from monitor.store.store import Store
 from monitor.views.language.catalogue import language
-from monitor.views.report.charts import law_points, single_replay_change
+from monitor.views.report.charts import friction_over_time, law_points, single_replay_change
 from monitor.views.report.page import report_page
 from monitor.views.report.sections import groups
 
@@ -144,6 +144,18 @@ def test_friction_over_temperature_is_drawn_as_the_law_that_was_chosen():
     assert np.allclose(law_points({**line, "range_c": None}, [20.0, 30.0])[1], [8.5, 7.5])
     points = [[15.0, 9.3, 0.1], [25.0, 8.0, 0.05], [35.0, 6.9, 0.1]]
     assert np.allclose(law_points({**line, "viscous_by_temperature": points}, []), np.array(points).T)
+
+
+@pytest.mark.parametrize("apart_h", [1, 6, 24, 24 * 60])
+def test_no_two_marks_along_the_time_of_a_chart_read_alike(lived, apart_h):
+    told = report_of(lived)
+    rows = [row for row in told["history"] if row["joint"] == 3][:8]
+    begin = END + 7 * 3600.0
+    again = [row | {"recorded_at": rfc3339(begin + k * 3600 * apart_h)} for k, row in enumerate(rows)]
+    panel = friction_over_time({**told, "history": again}, language("en")).axes[2]
+    marks = [label.get_text() for label in panel.get_xticklabels()]
+    assert len(marks) > 1
+    assert len(set(marks)) == len(marks)
 
 
 def test_the_command_writes_the_page_and_the_document(lived, tmp_path):

@@ -169,16 +169,17 @@ def law_points(law: Mapping[str, Any], seen_c: Sequence[float]) -> Array:
 
 
 def _date_ticks(at: Sequence[datetime], say: Language) -> "FuncFormatter":
-    """Dates along an axis in the reader's language: days, or months with their year over more than a year."""
+    """Dates along an axis in the reader's language: days, with hours within two days, or months with their year over more than a year."""
     from matplotlib.dates import num2date
     from matplotlib.ticker import FuncFormatter
 
-    years = (at[-1] - at[0]).days > 365
+    years, hours = (at[-1] - at[0]).days > 365, (at[-1] - at[0]).days < 2
 
     def text(value: float, _position: int | None) -> str:
         then = num2date(value)  # type: ignore[no-untyped-call]
         month = say.say(MONTHS[then.month - 1])[:3]
-        return f"{month} {then.year % 100:02d}" if years else say.say("{day} {month}", day=then.day, month=month)
+        day = f"{month} {then.year % 100:02d}" if years else say.say("{day} {month}", day=then.day, month=month)
+        return f"{then:%H:%M}\n{day}" if hours else day
 
     return FuncFormatter(text)
 

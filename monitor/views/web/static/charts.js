@@ -8,7 +8,7 @@ const Charts = (() => {
     const stroke = css("--dim"), grid = { stroke: css("--line"), width: 1 }, ticks = { stroke: css("--line"), width: 1, size: 4 };
     const font = "12px system-ui, sans-serif";
     return [
-      { stroke, grid: { ...grid, show: Boolean(x) }, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 34, space: 64, ...(xValues ? { values: xValues } : {}) },
+      { stroke, grid: { ...grid, show: Boolean(x) }, ticks, font, label: x, labelSize: x ? 18 : 0, labelFont: font, size: x ? 30 : 40, space: 64, ...(xValues ? { values: xValues } : {}) },
       { stroke, grid, ticks, font, label: y, labelSize: 18, labelFont: font, size: 46, values: (_, splits) => splits.map((one) => (one == null ? "" : String(one).replace(".", DECIMAL))) },
     ];
   }
@@ -16,7 +16,14 @@ const Charts = (() => {
   const DECIMAL = number(1.5, 1)[1];
   const dated = (_, splits, __, ___, step) => {
     const short = new Intl.DateTimeFormat(LOCALE, step < 28 * DAY ? { day: "numeric", month: "short" } : { month: "short", year: "numeric" });
-    return splits.map((at) => (at == null ? "" : short.format(at * 1000)));
+    let before = null;
+    return splits.map((at) => {
+      if (at == null) return "";
+      const day = short.format(at * 1000), same = day === before;
+      before = day;
+      const hour = step < DAY ? new Date(at * 1000).toLocaleTimeString(LOCALE, { hour: "2-digit", minute: "2-digit" }) : "";
+      return [hour, same ? "" : day].filter(Boolean).join("\n");  // below the hour, where the day is another
+    });
   };
   const clocked = (_, splits) => splits.map((at) => (at == null ? "" : new Date(at * 1000).toLocaleTimeString(LOCALE)));
 
