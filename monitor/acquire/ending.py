@@ -118,8 +118,8 @@ def how_it_ended(
 GAP_NOT_SEEN = Sentence("gap_not_seen", "the arm was not seen in this motion: nobody knows what happened to it")
 GAP_OF_CLOCKS = Sentence(
     "gap_of_clocks",
-    "nobody saw the arm for {host_s:.1f} s, in which the controller's clock went on by {controller_s:.1f} s: it was restarted, or its "
-    "clock was set; look at the arm",
+    "nobody saw the arm for {host_s:.1f} s by the clock of this machine, and {controller_s:.1f} s by the controller's: this monitor or its "
+    "machine stood still, a clock was set, or the controller was restarted; look at the arm",
 )
 GAP_TOO_LONG = Sentence(
     "gap_too_long",

@@ -21,7 +21,7 @@ from monitor.errors import MotionRefused, RobotUnreachable
 from monitor.publish import documents
 from monitor.publish.timestamps import rfc3339, utc
 from monitor.reason import Reason, Sentence
-from monitor.store.history.ledger import Borrow, LedgerRow
+from monitor.store.history.ledger import Borrow, Kind, LedgerRow
 from monitor.store.store import Store
 
 NOTE = "replay_due"
@@ -44,7 +44,7 @@ class DueReplay:
     key_unix_s: float  # of its window, as the ledger will know it
     since_unix_s: float
     until_unix_s: float  # without a replay by then its window is skipped
-    kind: str = "scheduled"  # or requested
+    kind: Kind = "scheduled"
     why: str = "cron"  # what opened its window
     tries: int = 0  # replays begun for it that this machine or the network ended
     refused: Reason | None = None  # why the program is not asked to offer the arm; None: it is
@@ -217,7 +217,7 @@ class Lender(Protocol):
     def note_due(self, due: DueReplay | None) -> None:
         """Take which replay waits for the program's node."""
 
-    def skip(self, window_unix_s: float, reason: Reason, kind: str = "scheduled") -> None:
+    def skip(self, window_unix_s: float, reason: Reason, kind: Kind = "scheduled") -> None:
         """Enter a window as skipped, with the reason."""
 
 
@@ -242,7 +242,7 @@ class Lending:
         """Whether a program lends the arm."""
         return self._monitor.configuration.replay.lent is not None
 
-    def open(self, window: Window, kind: str = "scheduled") -> None:
+    def open(self, window: Window, kind: Kind = "scheduled") -> None:
         """A window has opened, or somebody asks: a replay is due from now on. One that is due already serves both."""
         lent = self._monitor.configuration.replay.lent
         assert lent is not None

@@ -37,7 +37,7 @@ from monitor.service.motion import Claimed, ReplayWindow
 from monitor.service.plant_prior import Ask, asked, with_prior
 from monitor.service.publisher import Publisher
 from monitor.service.shared_state import SharedState
-from monitor.store.history.ledger import LedgerRow
+from monitor.store.history.ledger import Kind, LedgerRow
 
 log = logging.getLogger(__name__)
 
@@ -94,7 +94,7 @@ class Monitor:
             return None
         return f"{health.state} (STALE)" if any(stale_joints(health, self._now(), self.configuration.assess.health)) else health.state
 
-    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
+    def perform(self, window_unix_s: float, kind: Kind = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """One window: claim it, replay, record, assess, publish. Returns its row; None where the ledger has the window already.
 
         A replay that this machine or the network ended is tried again while the window is open, until `closes_unix_s`; None: it is not.
@@ -149,7 +149,7 @@ class Monitor:
         """Take which replay waits for the program's node; None where none does."""
         self._state.due = due
 
-    def skip(self, window_unix_s: float, reason: Reason, kind: str = "scheduled") -> None:
+    def skip(self, window_unix_s: float, reason: Reason, kind: Kind = "scheduled") -> None:
         """Enter a missed window as skipped; it is never replayed later. Raises StoreError."""
         with self._state.replaying:
             ledger_id = self._store.ledger.claim(window_unix_s, kind, self._now())

@@ -23,7 +23,7 @@ from monitor.service.lending import SERVED, Lender, Lending
 from monitor.service.problems import Problems
 from monitor.service.replay import UNREACHABLE
 from monitor.service.shared_state import ReplayRequests
-from monitor.store.history.ledger import LedgerRow
+from monitor.store.history.ledger import Kind, LedgerRow
 from monitor.store.store import Store
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ _FORWARD = "clock_was_set_forward"  # JSON: the times before and after a suspici
 class Performer(Lender, Protocol):
     """What performs windows: the replay cycle."""
 
-    def perform(self, window_unix_s: float, kind: str = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
+    def perform(self, window_unix_s: float, kind: Kind = "scheduled", closes_unix_s: float | None = None) -> LedgerRow | None:
         """Perform one window with all that follows; None where the ledger has it already."""
 
     def recover(self) -> None:

@@ -68,6 +68,13 @@ def test_no_gap_is_explained_in_which_the_controllers_clock_did_not_go_on_by_the
     assert code(seen(gap_s, clock_s=sign * off_s)) == "gap_of_clocks"
 
 
+def test_clocks_that_do_not_go_together_are_told_with_every_cause_that_they_may_have():
+    """A monitor that was stopped reads late what the arm sent before: neither a restart nor a clock that somebody set."""
+    told = str(unexplained(seen(0.3, clock_s=4.0), AFTER, TOLD, clean=False))
+    assert "0.3 s by the clock of this machine, and 4.3 s by the controller's" in told
+    assert all(cause in told for cause in ("stood still", "a clock was set", "restarted"))
+
+
 @given(st.floats(LONGEST_GAP_S + 1e-6, 1e6))
 def test_no_long_gap_is_explained_by_a_clock_that_went_on(gap_s):
     assert code(seen(gap_s)) == "gap_too_long"

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from heard_documents import ALERT, FRICTION
@@ -14,6 +15,7 @@ from monitor.judge.alerts.conditions import CAUSES, CONDITIONS, FRICTION_CHANGED
 from monitor.judge.alerts.states import ALERT_ACTIVE_BY, IN_PERIOD, OF_JOINT, stale_reason
 from monitor.publish.documents import Alert, Friction
 from monitor.reason import SENTENCES, Reason, reason_from, reason_of, together, with_reasons
+from monitor.store.history.ledger import Kind
 from monitor.store.history.motions import STOPPED
 from monitor.views.alert_sentence import JointPast, sentences
 from monitor.views.language.catalogue import ENGLISH, LANGUAGES, best_language, language, utc
@@ -50,6 +52,11 @@ def test_every_advice_of_an_alert_is_translated(code):
     advice = {condition.action(tier).code for condition in CONDITIONS.values() for tier in condition.tiers}
     assert advice <= set(language(code).sentences)
     assert set(CONDITIONS) <= set(language(code).catalogue)
+
+
+@pytest.mark.parametrize("code", OTHERS)
+def test_every_kind_of_a_window_is_translated(code):
+    assert set(get_args(Kind)) <= set(language(code).catalogue)
 
 
 RISE = FRICTION_CHANGED(

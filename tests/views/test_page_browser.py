@@ -157,7 +157,8 @@ def test_no_two_marks_along_the_time_read_alike(opened, apart_s, says):
     marks = opened[0]().evaluate(
         """async (apart) => {
             const charts = new Charts(), n = [...Array(9).keys()], of = (x) => n.map(() => x);
-            const own = { wear: of(0.01), wear_std: of(0.01), replay_torque_nm: of(1), replay_torque_std_nm: of(0.01), reference_torque_nm: of(1) };
+            const own = {
+              wear: of(0), wear_std: of(0.1), replay_torque_nm: of(1), replay_torque_std_nm: of(0.1), reference_torque_nm: of(1) };
             charts.wear({ t: n.map((k) => 1.7e9 + apart * k) }, own, 3, [], null, 0.5);
             await new Promise(setTimeout);  // it is drawn after this turn
             return charts.plots.wear.axes[0]._values; }""",

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from monitor.reason import Reason, Sentence, reason_from
 from monitor.store.history.database import Database, reason_column, stored_reason
@@ -40,6 +40,9 @@ class RecordingFolder:
         """Remove what a crash left of recordings that were being written."""
         for leftover in self.directory.glob(".*.tmp*"):
             leftover.unlink()  # it was never renamed, so nothing relies on it
+
+
+Kind = Literal["scheduled", "requested", "imported"]  # of a window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +94,7 @@ class Ledger:
         self._db = database
         self._recordings = recordings
 
-    def claim(self, window_unix_s: float, kind: str, at_unix_s: float) -> int | None:
+    def claim(self, window_unix_s: float, kind: Kind, at_unix_s: float) -> int | None:
         """Enter a window as started, before anything moves; None where it is in the ledger already."""
         with self._db.transaction() as db:
             cursor = db.execute(

@@ -21,8 +21,8 @@ CONTEXT = "\x04"  # gettext puts it between the context of a text and the text
 
 N_ = str  # marks a text for the catalogue
 NAMES = (  # how windows, alerts, causes and parts of the monitor are named in documents
-    N_("assessed"), N_("skipped"), N_("rejected"), N_("aborted"), N_("started"), N_("recorded"), N_("scheduled"), N_("manual"),
-    N_("import"), N_("raised"), N_("updated"), N_("cleared"), N_("acknowledged"), N_("shelved"), N_("advisory"), N_("wear"),
+    N_("assessed"), N_("skipped"), N_("rejected"), N_("aborted"), N_("started"), N_("recorded"), N_("scheduled"), N_("requested"),
+    N_("imported"), N_("raised"), N_("updated"), N_("cleared"), N_("acknowledged"), N_("shelved"), N_("advisory"), N_("wear"),
     N_("limit"), N_("wear tier"), N_("ground"), N_("wall"), N_("ceiling"), N_("store"), N_("disk"), N_("clock"), N_("backup"),
     N_("router"), N_("Base"), N_("Shoulder"), N_("Elbow"), N_("Wrist 1"), N_("Wrist 2"), N_("Wrist 3"), N_("The arm"),
     N_("Joint {number}"), N_("joint {number}"), N_("scheduler"), N_("bus"), N_("listener"), N_("maintenance"), N_("previous_stop"),
