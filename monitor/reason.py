@@ -90,6 +90,10 @@ class Reason:
     def __str__(self) -> str:
         return self.text
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled with its English: the process that reads it may not have imported the module of its sentence."""
+        return Reason, (self.code, self.parameters, self.text)
+
     def document(self) -> dict[str, Any]:
         """As JSON: code, parameters, and the English text for whoever knows no codes."""
         return {**self.coded(), "text": self.text}

@@ -1,13 +1,14 @@
 """A reason is a code with parameters; its sentence is made at the edge."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from monitor.reason import Reason, Sentence, Words, parts_of, reason_at, reason_from, reason_of, together, with_reasons
+from monitor.reason import SENTENCES, Reason, Sentence, Words, parts_of, reason_at, reason_from, reason_of, together, with_reasons
 
 HOT = Sentence("test_hot", "{joint:joint} is at {temperature_c:.1f} °C since {since_unix_s:day}")
 BOTH = Sentence("test_both", "{first}; {others:each}")
@@ -44,6 +45,17 @@ def test_a_reason_survives_json_and_a_reader_that_does_not_know_its_code():
     assert back.document() == told
     assert Reason("unknown_code", {}, "somebody said it").text == "somebody said it"
     assert reason_of("plain words").text == "plain words"
+
+
+def test_a_reason_survives_pickling_and_a_process_that_did_not_import_its_module(monkeypatch):
+    """As what a daemon's child has found, which alone loads what judges: with every figure, the parts of a sentence too."""
+    reason = BOTH(first=HOT(joint=3, temperature_c=61.25, since_unix_s=0.0), others=["later"])
+    data, text = pickle.dumps(reason), reason.text
+    for code in ("test_both", "test_hot"):
+        monkeypatch.delitem(SENTENCES, code)
+    assert pickle.loads(data).text == text
+    assert pickle.loads(data).parameters["first"].text == "Elbow (joint 3) is at 61.2 °C since 1970-01-01"
+    assert pickle.loads(data) == reason
 
 
 def test_what_is_missing_and_what_is_no_parameter_is_refused_where_the_reason_is_made():
