@@ -177,6 +177,8 @@ def campaign(
     from monitor.service.campaign import Bounds, Made
     from monitor.service.campaign import campaign as run_campaign
 
+    if not by.strip():
+        raise BadInput("--by is empty: it is kept in the log, and somebody will ask")
     configuration = load_configuration(config)
     bounds = Bounds(most=most, hours=hours, steady_k=configuration.schedule.warm_k_per_10_min)
     if plot is not None:

@@ -32,6 +32,7 @@ from monitor.publish.documents import (
 )
 from monitor.publish.queries import (
     AckRequest,
+    Asked,
     InspectedRequest,
     ReplayRequest,
     Request,
@@ -41,6 +42,7 @@ from monitor.publish.queries import (
     UndoInspectedRequest,
     UndoServicedRequest,
     UnshelveRequest,
+    request,
 )
 from monitor.publish.registry import KINDS, kind_of
 from monitor.publish.session import prefix, session_config
@@ -48,6 +50,11 @@ from monitor.publish.session import prefix, session_config
 JUDGED_AGAIN_S = 120.0  # for weeks of replays to be judged once more, on a slow machine
 EVENT = KINDS["event"].key()
 Content = TypeVar("Content", bound=BaseModel)
+
+
+def _asked(model: type[Asked], **fields: Any) -> Asked:
+    """Raises BadInput that names every wrong field, as the daemon would."""
+    return request(model, kind_of(model).key(), fields)
 
 
 class Message(NamedTuple):
@@ -160,30 +167,30 @@ class Client:
 
     def acknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
         """Acknowledge an alert: a person has seen it. Raises BadInput where there is no such active alert."""
-        return self._command(AckRequest(joint=joint, condition=condition, by=by, why=why))
+        return self._command(_asked(AckRequest, joint=joint, condition=condition, by=by, why=why))
 
     def shelve(self, joint: int | None, condition: str, *, hours: float, by: str, why: str = "") -> Alert:
         """Shelve an alert: it need not be shown for some hours. Raises BadInput where there is no such active alert."""
-        return self._command(ShelveRequest(joint=joint, condition=condition, hours=hours, by=by, why=why))
+        return self._command(_asked(ShelveRequest, joint=joint, condition=condition, hours=hours, by=by, why=why))
 
     def unacknowledge(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
         """Take the acknowledgements of an alert back. Raises BadInput where there is no such active alert, or it is not acknowledged."""
-        return self._command(UnackRequest(joint=joint, condition=condition, by=by, why=why))
+        return self._command(_asked(UnackRequest, joint=joint, condition=condition, by=by, why=why))
 
     def unshelve(self, joint: int | None, condition: str, *, by: str, why: str = "") -> Alert:
         """End the shelving of an alert. Raises BadInput where there is no such active alert, or it is not shelved."""
-        return self._command(UnshelveRequest(joint=joint, condition=condition, by=by, why=why))
+        return self._command(_asked(UnshelveRequest, joint=joint, condition=condition, by=by, why=why))
 
     def serviced(self, joint: int, kind: str, *, by: str, why: str, at: str | None = None) -> Answer:
         """Declare work on a joint: it was `replaced`, `greased` or `overhauled`, now or at a time (RFC 3339 or a date).
 
         Raises BadInput with the daemon's reason where it refuses.
         """
-        return self._answer(ServicedRequest(joint=joint, kind=kind, by=by, why=why, at=at))
+        return self._answer(_asked(ServicedRequest, joint=joint, kind=kind, by=by, why=why, at=at))
 
     def undo_serviced(self, joint: int, *, by: str, why: str = "") -> Answer:
         """Take the last declared work on a joint back. Raises BadInput with the daemon's reason where that is not possible."""
-        return self._answer(UndoServicedRequest(joint=joint, by=by, why=why), timeout_s=max(self._timeout_s, JUDGED_AGAIN_S))
+        return self._answer(_asked(UndoServicedRequest, joint=joint, by=by, why=why), timeout_s=max(self._timeout_s, JUDGED_AGAIN_S))
 
     def inspected(self, request: InspectedRequest | UndoInspectedRequest) -> Answer:
         """Record a check of [inspection], or take the last record of it back. Raises BadInput with the daemon's reason where it refuses."""
@@ -191,7 +198,7 @@ class Client:
 
     def request_replay(self, *, by: str, why: str = "") -> str:
         """Request a replay now. Raises BadInput with the daemon's reason where it refuses."""
-        answer = self._one(kind_of(ReplayRequest).key(), ReplayRequest(by=by, why=why).model_dump())
+        answer = self._one(kind_of(ReplayRequest).key(), _asked(ReplayRequest, by=by, why=why).model_dump())
         return str(answer.document["done"])
 
     def watch(

@@ -75,3 +75,14 @@ def test_the_command_line_takes_the_beginning_of_an_alerts_name(cell, shell):  #
         shell("ack", "j3/step", "--by", "Ada")
     with pytest.raises(BadInput, match="expected j1/CONDITION"):
         shell("ack", "3/wear", "--by", "Ada")
+
+
+def test_what_a_request_lacks_is_named_before_it_is_sent(cell, client):  # noqa: F811
+    """As the daemon names it: an empty name, a shelving for no time, a joint that is none."""
+    for wrong, says in (
+        (lambda: client.request_replay(by=""), "cmd/replay: by: "),
+        (lambda: client.shelve(3, "wear_rising", hours=0.0, by="Ada"), "cmd/shelve: hours: "),
+        (lambda: client.serviced(0, "greased", by="Ada", why="noise"), "cmd/serviced: joint: "),
+    ):
+        with pytest.raises(BadInput, match=says):
+            wrong()
