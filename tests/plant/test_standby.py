@@ -23,8 +23,13 @@ class TwoPlants(KilledPlant):
     def __init__(self, *words, **settings):
         self.screens = {}
         super().__init__(*words, **settings)
-        self.start(PLANTS[1])
-        self.until(lambda: "another plant leads" in self.log(PLANTS[1]), "the standby")
+        try:
+            self.until(lambda: self.leader() == PLANTS[0], "the first plant leads")
+            self.start(PLANTS[1])
+            self.until(lambda: "another plant leads" in self.log(PLANTS[1]), "the standby")
+        except BaseException:
+            self.__exit__()
+            raise
 
     def configuration(self, role):
         """That of the first one, with a screen of its own."""
