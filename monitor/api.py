@@ -40,6 +40,7 @@ from monitor.judge.torque.predictor import TorquePrediction, predict_torque
 from monitor.model.robot import Mounting, Robot
 from monitor.publish.client import Client
 from monitor.publish.timestamps import utc
+from monitor.publish.torque import RANGES
 from monitor.recording import DAY_S, Array, Recording
 from monitor.store.formats.recordings import read_recording, rows_of_table, table_of, write_recording
 from monitor.store.from_files.series import UNDATED_START_UNIX_S, in_order, interval_s, judged, when
@@ -82,6 +83,7 @@ Data: TypeAlias = str | Path | pd.DataFrame | Mapping[str, npt.ArrayLike] | Reco
 Arm: TypeAlias = str | Path | Robot
 Attitude: TypeAlias = str | Sequence[float] | Mounting
 Moment: TypeAlias = str | float | date | np.datetime64
+LATEST_UNIX_S = 253_402_300_799.0  # the end of the year 9999, and of the calendars of Python
 FIRST_SIMULATED_UNIX_S = 1_767_582_000.0  # Monday 2026-01-05 03:00 UTC
 
 
@@ -120,6 +122,8 @@ def read(
     declared, what the recording says itself. Raises BadInput.
     """
     dated_s = None
+    if rate_hz is not None:
+        rate_hz = float(_numbers(rate_hz, "rate_hz", ()))
     if isinstance(data, Recording):
         recording = data
     elif isinstance(data, str | Path):
@@ -133,14 +137,14 @@ def read(
         table = table_of(data)
         recording = rows_of_table(table, "table", columns, rate_hz).recording
         if "timestamp" in table.column_names and recording.samples and pa.types.is_timestamp(table.schema.field("timestamp").type):
-            dated_s = float(recording.t_s[0])
+            dated_s = float(np.nanmin(recording.t_s))  # the rows may have any order
     said = recording.context
     return replace(
         recording,
         context=replace(
             said,
             recorded_at_unix_s=_unix_s(recorded_at) if recorded_at is not None else said.recorded_at_unix_s or dated_s,
-            payload_kg=said.payload_kg if payload_kg is None else payload_kg,
+            payload_kg=said.payload_kg if payload_kg is None else float(_within(payload_kg, "payload_kg", (0.0, 1000.0), "kg", ())),
             mounting_rad=said.mounting_rad if mounting is None else _mounting(mounting).angles_rad,
             maintenance=maintenance or said.maintenance,
         ),
@@ -149,6 +153,7 @@ def read(
 
 def write(path: str | Path, recording: Recording) -> None:
     """Write a recording as Parquet, with its context; `read` reads it. Raises MonitorError where the disk refuses."""
+    _is(recording, Recording, "a recording, as read gives it")
     write_recording(path, recording)
 
 
@@ -168,6 +173,8 @@ def identify(
     joint [N·m/A], where they are not published. rigid_from : an earlier identification whose rigid parameters are taken as known.
     The page Identification explains all of these. Raises BadInput, and Unidentifiable where there is too little motion.
     """
+    if rigid_from is not None:
+        _is(rigid_from, Identification, "an identification, as identify gives it")
     of, given = robot(arm), [read(each) for each in _several(recordings)]
     attitudes = {_attitude(recording, mounting) for recording in given} or {Mounting()}
     if len(attitudes) > 1:
@@ -223,7 +230,7 @@ class TorqueModel:
     def _temperature(self, given: npt.ArrayLike | None) -> Array | None:
         if given is None:
             return None
-        T = _numbers(given, "temperature_c")
+        T = _within(given, "temperature_c", RANGES["temperature_c"], "°C")
         if T.ndim and T.shape[-1] != self.robot.joints:
             raise BadInput(f"temperature_c has shape {T.shape}; expected one number, ({self.robot.joints},) or (N, {self.robot.joints})")
         return np.full(self.robot.joints, float(T)) if not T.ndim else T
@@ -278,10 +285,13 @@ def assess(
     gains : (J,) [N·m/A]. Raises BadInput where a recording says no time, two have the same, or none could be judged.
     """
     of, given = robot(arm), [read(each) for each in _several(recordings)]
+    if recorded_at is not None and interval is not None:
+        raise BadInput("assess: expected recorded_at or interval, not both")
     times: Sequence[Moment | None] = [None] * len(given)
     if recorded_at is not None:
         times = [recorded_at] if isinstance(recorded_at, str) else list(recorded_at)
     elif interval is not None:
+        _is(interval, str, "an interval such as '1d'")
         times = [UNDATED_START_UNIX_S + number * interval_s(interval) for number in range(len(given))]
     if len(times) != len(given):
         raise BadInput(f"recorded_at has {len(times)} times for {len(given)} recordings; expected one for each")
@@ -327,7 +337,10 @@ def plot_residuals(
 
     of = robot(arm)
     title = f"{of.name}: measured − modelled torque ({found.method})"
-    shown = residuals_of(found, of, [read(each) for each in _several(recordings)], _gains(gains, of))
+    given = [read(each) for each in _several(recordings)]
+    if not given:
+        raise BadInput("plot_residuals: no recording was given")
+    shown = residuals_of(found, of, given, _gains(gains, of))
     return _drawn(residual_figure(title, shown), path, title)
 
 
@@ -377,7 +390,7 @@ def _unix_s(at: Moment) -> float:
         seconds = float("nan") if pd.isna(stamp) else (stamp if stamp.tzinfo else stamp.tz_localize("UTC")).timestamp()
     else:
         seconds = float(_numbers(at, "recorded_at", ()))
-    if not np.isfinite(seconds):
+    if not 0.0 <= seconds <= LATEST_UNIX_S:
         raise BadInput(f"recorded_at is {at!r}; expected a time like 2026-01-31T03:00:00Z")
     return seconds
 
@@ -393,6 +406,15 @@ def _numbers(values: npt.ArrayLike, name: str, shape: tuple[int, ...] | None = N
     return array
 
 
+def _within(values: npt.ArrayLike, name: str, bounds: tuple[float, float], unit: str, shape: tuple[int, ...] | None = None) -> Array:
+    """An array of numbers between two bounds. Raises BadInput."""
+    low, high = bounds
+    array = _numbers(values, name, shape)
+    if not np.all((array >= low) & (array <= high)):
+        raise BadInput(f"{name} is {values!r}; expected {low:g} … {high:g} {unit}")
+    return array
+
+
 def _gains(gains: npt.ArrayLike | None, of: Robot) -> Array | None:
     return None if gains is None else _numbers(gains, "gains", (of.joints,))
 
@@ -402,7 +424,7 @@ def _mounting(attitude: Attitude) -> Mounting:
         return attitude
     if isinstance(attitude, str):
         return Mounting.parse(attitude)
-    return Mounting.of(np.radians(_numbers(attitude, "mounting", (3,))).tolist())
+    return Mounting.of(np.radians(_within(attitude, "mounting", (-360.0, 360.0), "degrees", (3,))).tolist())
 
 
 def _attitude(recording: Recording, mounting: Attitude | None) -> Mounting:

@@ -55,6 +55,10 @@ def test_a_recording_is_read_alike_from_a_file_a_frame_arrays_lists_and_lists_in
     few = jm.read({"timestamp": given.t_s, "actual_q": given.q.tolist(), "actual_current": given.current})
     assert np.array_equal(few.q, given.q)
     assert np.array_equal(few.current, given.current)
+    masked = np.ma.array(given.current, mask=np.arange(given.current.size).reshape(given.current.shape) % 7 == 3).copy()
+    masked.data[masked.mask] = 1e3  # what stands below the mask is no reading
+    seen = jm.read({"timestamp": given.t_s, "actual_q": given.q, "actual_current": masked})
+    assert np.array_equal(seen.current, np.ma.filled(masked, np.nan), equal_nan=True)
     in_cells = pd.DataFrame({"timestamp": given.t_s, "actual_q": list(given.q), "actual_current": list(given.current)})
     assert np.array_equal(jm.read(in_cells).q, given.q)
     table.columns = [f"c{k}" for k in range(table.shape[1])]
@@ -74,6 +78,8 @@ def test_times_as_dates_say_when_a_recording_was_made(replays):
         found = jm.read(stamped)
         assert found.context.recorded_at_unix_s == pytest.approx(1_790_000_000.0 + given.t_s[0], abs=1e-5)
         assert np.allclose(np.diff(found.t_s), np.diff(given.t_s), atol=1e-6)
+    without_first = frame(given).assign(timestamp=at.where(np.arange(len(at)) > 0))
+    assert jm.read(without_first).context.recorded_at_unix_s == pytest.approx(1_790_000_000.0 + given.t_s[1], abs=1e-5)
     for moment in ("2026-01-31T03:00:00Z", datetime(2026, 1, 31, 3, tzinfo=UTC), datetime(2026, 1, 31, 3), pd.Timestamp("2026-01-31 03:00"),  # noqa: DTZ001
                    np.datetime64("2026-01-31T03:00"), 1_769_828_400, 1_769_828_400.0):  # fmt: skip
         assert jm.read(given, recorded_at=moment).context.recorded_at_unix_s == 1_769_828_400.0
@@ -162,6 +168,26 @@ WRONG = {
     "not a time": (lambda r: jm.read(r[0], recorded_at=pd.NaT), "recorded_at"),
     "one moment": (lambda r: jm.assess(r[:2], "ur5", recorded_at=["2026-01-01"] * 2), "at the same time"),
     "interval": (lambda r: jm.assess(r, "ur5", interval="daily"), "--interval 'daily'"),
+    "both times": (lambda r: jm.assess(r, "ur5", recorded_at=["2026-01-01"] * 3, interval="1d"), "recorded_at or interval, not both"),
+    "an interval as a figure": (lambda r: jm.assess(r, "ur5", interval=5), "int given; expected an interval such as '1d'"),
+    "after all calendars": (lambda r: jm.read(r[0], recorded_at=1e30), "recorded_at is 1e+30; expected a time"),
+    "a rate in words": (lambda r: jm.read(frame(r[0]), rate_hz="fast"), "rate_hz is 'fast'; expected numbers"),
+    "a payload in words": (lambda r: jm.read(r[0], payload_kg="heavy"), "payload_kg is 'heavy'; expected numbers"),
+    "no payload": (lambda r: jm.read(r[0], payload_kg=np.nan), "payload_kg is nan; expected 0 … 1000 kg"),
+    "less than nothing": (lambda r: jm.read(r[0], payload_kg=-1.0), "payload_kg is -1.0; expected 0 … 1000 kg"),
+    "no angle": (
+        lambda r: jm.identify(r[0], "ur5", mounting=[0.0, np.nan, 0.0]),
+        "mounting is [0.0, nan, 0.0]; expected -360 … 360 degrees",
+    ),
+    "rigid": (lambda r: jm.identify(r[0], "ur5", rigid_from="x"), "str given; expected an identification"),
+    "backwards": (lambda r: jm.identify(r[0], "ur5").friction_at(-0.4), "friction at -0.4 rad/s was asked for; expected a positive speed"),
+    "nothing to draw": (lambda r: jm.plot_residuals(jm.identify(r[0], "ur5"), [], "ur5"), "no recording was given"),
+    "nothing to write": (lambda _: jm.write("x.parquet", None), "NoneType given; expected a recording"),
+    "a file of no disk": (
+        lambda r: jm.plot_residuals(jm.identify(r[0], "ur5"), r[0], "ur5", "/proc/x.png"),
+        "/proc/x.png: cannot be written",
+    ),
+    "no endpoint": (lambda _: jm.Client("x", "hall", "cell"), "Endpoints must be of the form"),
     "none given": (lambda _: jm.assess([], "ur5"), "none was given"),
     "no course": (lambda r: jm.plot_friction(jm.identify(r[0], "ur5")), "Identification given; expected a course"),
     "no identification": (lambda r: jm.plot_residuals(r[0], r, "ur5"), "Recording given; expected an identification"),
@@ -187,6 +213,8 @@ def test_what_is_wrong_is_said_by_bad_input(replays, mistake):
         (([0] * 6, [np.nan] * 6), "not finite"),
         (([0] * 6, [0] * 6, None, [20, 30]), "temperature_c has shape (2,)"),
         (([[0] * 6] * 2, [[0] * 6] * 3), "qd has shape (3, 6)"),
+        (([0] * 6, [0] * 6, None, -300), "temperature_c is -300; expected -40 … 120 °C"),
+        (([0] * 6, [0] * 6, None, np.nan), "temperature_c is nan; expected -40 … 120 °C"),
     ],
 )
 def test_a_state_that_is_none_is_refused(course, arguments, said):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from monitor.errors import BadInput
 from monitor.identify.settings import BETWEEN_RUNS
 from monitor.identify.signals.ripple import Ripple
 from monitor.model.friction import PAPER, FrictionLaw
@@ -116,7 +117,12 @@ class Identification:
         return deviation
 
     def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:
-        """Friction torque (J,) [N·m] by the law at a positive speed and the mean load, and its standard deviation (J,)."""
+        """Friction torque (J,) [N·m] by the law at a positive speed and the mean load, and its standard deviation (J,).
+
+        Friction at −v is the opposite. Raises BadInput where the speed is not positive.
+        """
+        if not 0.0 <= speed_rad_s < np.inf:
+            raise BadInput(f"friction at {speed_rad_s:g} rad/s was asked for; expected a positive speed")
         if self.friction:
             return self.friction.at(speed_rad_s)
         x = np.array([1.0, speed_rad_s])

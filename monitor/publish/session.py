@@ -103,7 +103,10 @@ def session_config(
     if not wait_for_peer:
         values |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     for key, value in values.items():
-        config.insert_json5(key, json.dumps(value))
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise BadInput(f"bus: {key}: {value!r} given: {_said(error)}") from None
     return config
 
 

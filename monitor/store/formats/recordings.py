@@ -188,7 +188,7 @@ def table_of(data: object) -> "pa.Table":
         if isinstance(data, Mapping):
             columns: dict[str, Array] = {}
             for name, values in data.items():
-                array = np.asarray(values)
+                array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan) if np.ma.isMaskedArray(values) else np.asarray(values)
                 columns |= {f"{name}_{j}": column for j, column in enumerate(array.T)} if array.ndim == 2 else {str(name): array}
             return pa.table({name: pa.array(column) for name, column in columns.items()})
         if hasattr(data, "__arrow_c_stream__"):

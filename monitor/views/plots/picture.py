@@ -34,8 +34,15 @@ def lay_out(figure: "Figure") -> None:
 def write_picture(path: Path, figure: "Figure", title: str, legend: str | None = None) -> None:
     """Write a figure as PNG, or as SVG within one HTML file.
 
-    title : of the HTML document. legend : a paragraph below the picture, in HTML only. Raises OSError.
+    title : of the HTML document. legend : a paragraph below the picture, in HTML only. Raises BadInput where the disk refuses.
     """
+    try:
+        _write(path, figure, title, legend)
+    except OSError as wrong:
+        raise BadInput(f"--plot {path}: cannot be written: {wrong.strerror or wrong}") from None
+
+
+def _write(path: Path, figure: "Figure", title: str, legend: str | None) -> None:
     lay_out(figure)
     if path.suffix.lower() == ".png":
         figure.savefig(path, dpi=DPI)

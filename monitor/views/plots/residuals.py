@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from monitor.errors import BadInput
 from monitor.recording import Array
 from monitor.views.plots.picture import check_target, write_picture
 
@@ -58,13 +57,10 @@ def residual_plot(path: Path, title: str, recordings: Sequence[Residuals]) -> No
     """Draw the residual of every joint over speed, load and position. A curve that is not flat shows what the model lacks.
 
     Points are samples, grey where the joint stands still. The line is the median of the moving samples in 24 bins; the band holds the
-    middle half of them. Raises BadInput like `check_target`, and where the file cannot be written.
+    middle half of them. Raises BadInput like `check_target`.
     """
     check_target(path)
-    try:
-        write_picture(path, residual_figure(title, recordings), title, LEGEND)
-    except OSError as wrong:
-        raise BadInput(f"--plot {path}: cannot be written: {wrong.strerror}") from None
+    write_picture(path, residual_figure(title, recordings), title, LEGEND)
 
 
 def residual_figure(title: str, recordings: Sequence[Residuals]) -> "Figure":
