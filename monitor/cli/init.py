@@ -1,6 +1,7 @@
 """The command `init`: asks the arm and a person, and writes the first configuration of an arm."""
 
 import os
+import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -236,7 +237,8 @@ def _trajectory(given: str | None, path: Path, model: str, mounting: str, cell: 
         return given, ""
     if cell != "plain":
         name = f"{path.stem}-motion.json"
-        return name, f"joint-monitor design --robot {model} --mounting {mounting} --cell {path.parent / cell} -o {path.parent / name}"
+        files = ["--cell", str(path.parent / cell), "-o", str(path.parent / name)]
+        return name, shlex.join(["joint-monitor", "design", "--robot", model, "--mounting", mounting, *files])
     if mounting not in {"ground", "ceiling", "wall"}:
         raise BadInput(
             f"no trajectory is shipped for the mounting {mounting}: joint-monitor design --robot {model} --mounting {mounting} "
@@ -379,7 +381,7 @@ def check_and_next(path: Path, answers: "Answers", *, reached: bool) -> None:
         typer.echo(f"  {answers.designed}")
     elif "drive_gains" in names or not (answers.gains_nm_per_a or "published" in answers.gains_source):
         typer.echo("next: record a program of yours, once without and once with a weighed mass, then `init` again with --payload-pair")
-        typer.echo(f"  joint-monitor record --config {path} --seconds 60 -o empty.parquet")
+        typer.echo(f"  joint-monitor record --config {shlex.quote(str(path))} --seconds 60 -o empty.parquet")
     elif not reached or names - {"motion_allowed"}:
         typer.echo("next: look at every condition, when the arm is reached and ready")
         typer.echo(f"  {_command('check', path)}")
@@ -397,7 +399,7 @@ def _command(name: str, path: Path) -> str:
     """A command on the new configuration. On one of the service it is for its user: what root makes there, the service cannot write."""
     if path.resolve().parent == FOR_ALL:
         return f"sudo -u {SERVICE_USER} joint-monitor {name} --config {path.stem}"
-    return f"joint-monitor {name} --config {path}"
+    return f"joint-monitor {name} --config {shlex.quote(str(path))}"
 
 
 COMMANDS: Commands = {"init": init}

@@ -49,7 +49,7 @@ class Restored(NamedTuple):
 
 def connected(path: Path, mode: str, **options: Any) -> sqlite3.Connection:
     """A connection to an existing database file. mode : ro or rw. The name may hold `#`, `?` and `%`, which a URI treats specially."""
-    connection: sqlite3.Connection = sqlite3.connect(f"file:{quote(str(path))}?mode={mode}", uri=True, **options)
+    connection: sqlite3.Connection = sqlite3.connect(f"file:{quote(os.fsencode(path))}?mode={mode}", uri=True, **options)
     return connection
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import shlex
 import threading
 import time
 import tomllib
@@ -132,7 +133,7 @@ class Says:
 
     def beginning(self) -> None:
         """What runs, and what a person can do with it from another terminal."""
-        configuration, path = self._configuration, self._configuration.path
+        configuration, path = self._configuration, shlex.quote(str(self._configuration.path))
         day_s = 86_400.0 / self._trial.speed
         self.line(
             f"a simulated {configuration.robot.model}, scenario {self._trial.scenario}, {self._trial.speed:g} times as fast as life: "
@@ -171,8 +172,8 @@ class Says:
 
     def end(self, *, kept: bool) -> None:
         """Where the history is, where it stays."""
-        path = self._configuration.path
         if kept:
+            path = shlex.quote(str(self._configuration.path))
             self.line(f"the history stays: joint-monitor report --config {path} -o report.html")
 
     def _worst(self, service: Running) -> str:

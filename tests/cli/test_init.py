@@ -47,6 +47,13 @@ def test_an_arm_tells_what_it_knows_and_the_file_is_right(arm, tmp_path):
     assert f"joint-monitor run --config {path} --now" in result.stdout
 
 
+def test_a_command_that_is_next_can_be_typed_where_the_path_has_a_space(tmp_path):
+    folder = tmp_path / "my cells"
+    folder.mkdir()
+    said = ended("init", folder / "cell.toml", "--model", "ur5e", "--host", "-", "--no-input").stdout
+    assert f"--config '{folder / 'cell.toml'}'" in said
+
+
 def test_a_polyscope_x_is_asked_at_the_port_of_its_robot_api(tmp_path):
     """A simulated one may not have port 80, and the file had to be written by hand; the port is kept, and the arm tells what it can."""
     path = tmp_path / "cell-x.toml"

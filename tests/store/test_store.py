@@ -158,9 +158,10 @@ def test_another_programs_database_is_refused_and_stays_unchanged(tmp_path: Path
     assert (tmp_path / "history.sqlite").read_bytes() == before
 
 
-def test_a_folder_of_any_name_holds_a_history(tmp_path: Path):
-    """Characters with a meaning in a URI have none in the path."""
-    folder = tmp_path / "cell #1? 50%20"
+@pytest.mark.parametrize("name", ["cell #1? 50%20", "Zelle ü", "Latin-1 \udcfc"])
+def test_a_folder_of_any_name_holds_a_history(tmp_path: Path, name):
+    """Characters with a meaning in a URI have none in the path, and a name may hold bytes that are no UTF-8."""
+    folder = tmp_path / name
     with Store.open(folder) as store:
         commit(store, replayed(store, DAY))
     with Store.open(folder) as store:
