@@ -1,9 +1,10 @@
-"""Makes `docs/production-information.png`, and prints its last values: what the programs of simulated cells tell of each joint.
+"""Makes `docs/production-information.png`, and prints the table above it: what the programs of simulated cells tell of each joint.
 
 The production of each simulated cell is recorded once, and `listen` judges longer and longer parts of it.
 """
 
 import json
+import math
 import sys
 import tempfile
 from dataclasses import replace
@@ -54,7 +55,7 @@ def main(path: Path) -> None:
     """Draw the picture and print the table."""
     figure = Figure(figsize=(13.0, 3.6), layout="constrained")
     panels = figure.subplots(1, len(PRODUCTION), sharey=True)
-    sys.stdout.write("| program | a cycle | after 2 minutes: joint 1 | 2 | 3 | 4 | 5 | 6 |\n|---|---|---|---|---|---|---|---|\n")
+    sys.stdout.write("| program | a cycle | after 2 minutes [%]: joint 1 | 2 | 3 | 4 | 5 | 6 |\n|---|---|---|---|---|---|---|---|\n")
     for axes, name in zip(panels, PRODUCTION, strict=True):
         with tempfile.TemporaryDirectory() as folder:
             cycles, shares, cycle_s = told(name, Path(folder))
@@ -67,7 +68,7 @@ def main(path: Path) -> None:
         axes.set_yticks([LEAST, 0.1, 1.0, 10.0], ["none", "0.1", "1", "10"])
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(visible=True, alpha=0.3)
-        last = " | ".join("–" if share < LEAST else f"{share:.1f}" for share in shares[-1])
+        last = " | ".join("–" if share < LEAST else f"{5.0 / math.sqrt(share):.1f}" for share in shares[-1])
         sys.stdout.write(f"| {name} | {cycle_s:.0f} s | {last} |\n")
         sys.stdout.flush()
     panels[0].set_ylabel("information held / needed for 5 %")
