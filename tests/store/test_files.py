@@ -128,6 +128,16 @@ def test_what_excel_writes_is_read(tmp_path, encoding, first):
     assert_is_rows(read_recording(file))
 
 
+def test_names_may_hold_blanks_and_units(tmp_path):
+    """Names that are not RTDE's, but the separator is seen, so that --columns can say what they mean."""
+    names = ["time [s]", *(f"position {j} [rad]" for j in range(1, 7))]
+    rows = "\n".join(",".join(f"{k + 0.1 * j:.1f}" for j in range(7)) for k in range(3))
+    (tmp_path / "a.csv").write_text(",".join(names) + "\n" + rows)
+    recording = read_recording(tmp_path / "a.csv", "timestamp=time [s],actual_q=position {1..6} [rad]")
+    assert recording.t_s.tolist() == [0.0, 1.0, 2.0]
+    assert recording.q[2].tolist() == [2.1, 2.2, 2.3, 2.4, 2.5, 2.6]
+
+
 def test_a_header_is_skipped_where_columns_are_described(tmp_path):
     """The names in the header are unknown, and --columns explains the columns. Quotes and a byte order mark are accepted."""
     file = tmp_path / "a.csv"

@@ -56,7 +56,8 @@ def read_production(path: str | Path, columns: str | None = None, rate_hz: float
     except FileNotFoundError:
         raise BadInput(f"{path}: no such file") from None
     except OSError as wrong:
-        raise BadInput(f"{path}: cannot be read: {wrong.strerror or wrong}") from None
+        first, *_ = (wrong.strerror or str(wrong) or type(wrong).__name__).splitlines()
+        raise BadInput(f"{path}: cannot be read: {first}") from None
 
 
 def _read(content: bytes, where: str, columns: str | None, rate_hz: float | None) -> ProductionRows:

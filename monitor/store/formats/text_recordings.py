@@ -17,6 +17,7 @@ from monitor.store.formats.columns import Layout, layout_of, recorded
 
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # Excel reads its separator from such a first line
+_NO_DECIMAL = re.compile(r"(?<!\d),|,(?!\d)")  # a comma that stands in no number
 _QUOTED = re.compile(r'"[^"]*"')
 _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:[.,]\d*)?)")  # of a day, or since the beginning
 _UTF_16 = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
@@ -67,7 +68,7 @@ def _separator(line: str) -> str | None:
         if candidate in line:
             return candidate
     tokens = line.split()
-    if "," in line and (len(tokens) == 1 or any(token.endswith(",") or token.startswith(",") or token.count(",") > 1 for token in tokens)):
+    if "," in line and (len(tokens) == 1 or _NO_DECIMAL.search(line) or any(token.count(",") > 1 for token in tokens)):
         return ","
     return None  # also 1,5 2,5: commas within the fields are decimal commas
 
