@@ -40,7 +40,7 @@ from monitor.judge.temperature.laws import Law, Line, TemperatureSettings, fit_l
 from monitor.judge.temperature.stuck import SensorHistory
 from monitor.recording import Array, Context
 
-BELIEF_SCHEMA = 6
+BELIEF_SCHEMA = 7
 STEPPED = tuple(f.name for f in fields(DriftState) if f.name != "joints_per_arm")
 
 

@@ -237,13 +237,16 @@ CAUSES = Sentence(
 )
 
 
+SHORT = 0.1  # correlation of one day and the next by which the one tells nothing of the other
+
+
 def noise_reason(belief: Belief, model: FrictionModel, j: int) -> Reason:
     """What noise of a joint (from 0) is believed to be, as a clause."""
     p = belief.friction.of_joints(belief.friction.p)[:, j]
     names = [_name_of(kind) for kind in model.noise.kinds]
     name = max(dict.fromkeys(names), key=lambda one: sum(p[h] for h, of in enumerate(names) if of == one))
     probability = sum(p[h] for h, of in enumerate(names) if of == name)
-    rho = float(p @ model.noise.column("rho")[:, 0])
+    rho = float(p @ model.noise.column("from_day_to_day")[:, 0])
     kind = NOISE_KINDS[name](rho=rho) if name == "days" else NOISE_KINDS[name]()
     return NOISE_BELIEVED(std=belief.noise_std(model)[j], kind=kind, probability=probability)
 
@@ -251,11 +254,11 @@ def noise_reason(belief: Belief, model: FrictionModel, j: int) -> Reason:
 def _name_of(kind: Kind) -> str:
     if math.isfinite(kind.period_days):
         return "yearly"
-    if kind.kappa > 0.0:
+    if kind.lasts:
         return "wandering"
     if kind.arm_steady_replays < kind.steady_replays:
         return "weather"
-    return "days" if kind.rho > 0.0 else "short"
+    return "days" if kind.from_day_to_day > SHORT else "short"
 
 
 def _friction_text(situation: JointSituation, *, since_beginning: bool = False) -> Reason:

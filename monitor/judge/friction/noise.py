@@ -8,6 +8,7 @@ the replays for itself, as if nothing ever changed; its evidence is E_h = Π N(e
 of the arm, which season and weather change together. The arm is the prior of its joints: what the others' evidence says of a kind counts.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -28,6 +29,17 @@ class Kind(NamedTuple):
     arm_steady_replays: float = 300.0  # … and what all joints of the arm have in common of it
     weight: float = 0.01  # π, prior weight in an arm …
     alone: float = 1.0  # … and what is left of it in a joint that is not like its arm: noise that wanders could be its wear
+    of_friction: float = 0.5  # probability that u is friction, and not its identification: nobody can say of what lasts for months
+
+    @property
+    def lasts(self) -> bool:
+        """Whether a part of it lasts for months: it wanders, or swings with the year."""
+        return self.kappa > 0.0 and self.of_friction > 0.0
+
+    @property
+    def from_day_to_day(self) -> float:
+        """The correlation of one day and the next of what does not last for months."""
+        return self.rho if self.lasts else (self.rho + self.kappa**2 * math.exp(-1.0 / self.memory_days)) / (1.0 + self.kappa**2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +47,8 @@ class NoisePriors:
     """What is believed of noise before a joint has said anything."""
 
     kinds: tuple[Kind, ...] = (
-        Kind(0.0, weight=0.2),
+        Kind(0.0, weight=0.15),
+        Kind(0.06, weight=0.05),  # of hours: replays once a day do not tell it from the one above
         Kind(0.25, weight=0.2),
         Kind(0.45, weight=0.2),
         Kind(0.6, weight=0.15),
@@ -44,7 +57,9 @@ class NoisePriors:
         Kind(0.89, weight=0.05),
         Kind(0.94, weight=0.02),
         *(Kind(rho, steady_replays=100.0, arm_steady_replays=15.0, weight=0.05) for rho in (0.2, 0.6)),  # seasons and weather
-        *(Kind(rho, kappa, weight=0.02, alone=0.01) for rho, kappa in ((0.4, 0.4), (0.1, 1.0), (0.6, 1.0))),  # wandering
+        Kind(0.0, 1.0, 2.0, weight=0.05, of_friction=0.0),  # half of the replay, half of days: several replays a day tell them apart
+        *(Kind(rho, 1.0, weight=0.01, alone=0.01) for rho in (0.0, 0.1)),  # wandering …
+        *(Kind(rho, kappa, weight=0.02, alone=0.01) for rho, kappa in ((0.4, 0.4), (0.6, 1.0))),
         *(Kind(rho, 0.7, 1000.0, 365.0, weight=0.01, alone=0.1) for rho in (0.0, 0.25, 0.5, 0.75)),  # swinging with the year
     )
     std: float = 0.02  # [log] of innovations of ρ 0.5 …

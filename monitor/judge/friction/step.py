@@ -147,19 +147,20 @@ class FrictionState:
         return mean, np.einsum("h,hij->ij", p, P) + np.einsum("h,hi,hj->ij", p, x - mean, x - mean)
 
     def friction(self, temperature_c: Array, model: FrictionModel) -> Mixture:
-        """Log F of each channel at a temperature (N,), in the steady state, without noise between replays.
-
-        Nobody can say whether what wanders slowly is friction or its identification: the one and the other are alike probable.
-        """
+        """Log F of each channel at a temperature (N,), in the steady state, without noise between replays."""
         t = np.where(self.joints, viscous_distance(temperature_c, self.origin_c), temperature_c)
         levels = self.x.shape[1] - LEVEL
         H = row(t, np.zeros(len(t)), self.age_days, self.slot, levels, model.states, noise=0.0)
         without = H.copy()
         without[SLOW] = 0.0
         each = self.of(H, model), self.of(without, model)
-        parts = [np.concatenate([getattr(one, name) for one in each]) for name in ("weight", "mean", "var")]
+        weight, mean, var = (np.stack([getattr(one, name) for one in each]) for name in ("weight", "mean", "var"))
+        kinds = model.noise.column("of_friction")
+        slow = np.concatenate([kinds, np.repeat(kinds, len(weight[0]) // len(kinds) - 1, axis=0)])  # as `mixture` puts its components
+        weight = weight * np.stack([slow, 1.0 - slow])
         steady = (self.p * self.x[:, LAG]).sum(axis=0) * self.usual_warming  # that far the steady state is extrapolated
-        return Mixture(weight=0.5 * parts[0], mean=parts[1], var=parts[2] + (model.states.extrapolated * steady) ** 2)
+        var = var + (model.states.extrapolated * steady) ** 2
+        return Mixture(**{name: part.reshape(-1, len(t)) for name, part in (("weight", weight), ("mean", mean), ("var", var))})
 
     def _unit(self, state: int) -> Array:
         weights = np.zeros(self.x.shape[1:])
