@@ -21,6 +21,7 @@ STEADY = Sentence("campaign_steady", "the temperatures are steady: no joint chan
 ENOUGH = Sentence("campaign_enough", "{replays} replays were made; --most allows no more")
 TIME_OVER = Sentence("campaign_time_over", "{hours:g} h are over; --hours allows no more")
 STOPPED = Sentence("campaign_stopped", "stopped on request: no further replay is asked for; one that is under way ends by itself")
+UNMOVED = Sentence("campaign_unmoved", "no temperature of any joint changed at all in {replays} replays: their sensors are stuck")
 NOT_LEARNT = Sentence("campaign_not_learnt", "replay {replay} was {verdict}: {why}")
 
 
@@ -97,6 +98,8 @@ def campaign(
         made.append(Made(found.replay or 0, now(), tuple(row.temperature_c for row in client.friction())))
         tell(made[-1])
         if steady(made, bounds.steady_k):
+            if unmoved(made):
+                return ended(UNMOVED(replays=len(made)))
             return ended(STEADY(kelvin=bounds.steady_k, minutes=SPAN_S / 60.0), steady=True)
 
 
@@ -111,7 +114,14 @@ def steady(made: Sequence[Made], within_k: float) -> bool:
     return all(len(values) == len(joint) and max(values) - min(values) <= within_k for values, joint in zip(known, joints, strict=True))
 
 
+def unmoved(made: Sequence[Made]) -> bool:
+    """Whether no temperature changed at all, by not even a step of its sensor: an arm that has just moved does not do that."""
+    return all(len(set(joint)) == 1 for joint in zip(*(each.temperature_c for each in made), strict=True))
+
+
 def _newest(client: Client) -> Replay | None:
     """The document `replay` of the last one that ended; None while one is announced, or before the first."""
     found = [Replay.model_validate(message.document) for message in client.get("replay")]
+    if not found:
+        client.info()  # which every daemon answers: one that died in a replay is not waited for until the hours are over
     return found[0] if found and found[0].state == "ended" else None

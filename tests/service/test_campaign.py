@@ -10,7 +10,7 @@ import pytest
 
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
-from monitor.errors import BadInput, MotionRefused
+from monitor.errors import BadInput, BusError, MotionRefused
 from monitor.publish.client import Client
 from monitor.reason import reason_of
 from monitor.service.campaign import Bounds, Made, campaign, steady
@@ -32,7 +32,8 @@ class Warming:
     def __init__(self) -> None:
         excitation = replace(find_excitation("ur5-ground", Path()), repetitions=1)
         self.recording = stepped_replay(Controller(SimulateSettings(robot="ur5")), excitation)
-        self.played, self.refuses = 0, False
+        self.played, self.refuses, self.time_constant, self.goes_on = 0, False, 1.0, threading.Event()
+        self.goes_on.set()
 
     def now(self) -> float:
         return START_UNIX_S + EVERY_S * self.played
@@ -41,8 +42,9 @@ class Warming:
         if self.refuses:
             raise MotionRefused(reason_of("the teach button is held"))
         self.played += 1
+        self.goes_on.wait(60.0)
         shape = self.recording.temperature_c.shape
-        warm = np.full(shape, 40.0 - 15.0 * np.exp(-self.played))
+        warm = np.full(shape, 40.0 - 15.0 * np.exp(-self.played / self.time_constant))
         return replace(self.recording, temperature_c=warm, context=replace(context, firmware=self.recording.context.firmware))
 
 
@@ -125,3 +127,27 @@ def test_steady_needs_ten_minutes_in_which_every_joint_was_measured():
     assert not steady(made[1:], 0.5)
     assert not steady([each._replace(temperature_c=(30.0, 30.0 + each.replay)) for each in made], 0.5)
     assert not steady([*made[:2], made[2]._replace(temperature_c=(30.0, None))], 0.5)
+
+
+def test_temperatures_that_never_change_are_no_steady_ones(cell):
+    """Sensors that stand still, each at one number, say nothing of the arm: the campaign says so, and not that it is warm."""
+    _, arm, client = cell
+    arm.time_constant = 0.01
+    ended = campaign(client, Bounds(), by="ada", why="", now=arm.now)
+    assert not ended.steady
+    assert str(ended.why) == "no temperature of any joint changed at all in 3 replays: their sensors are stuck"
+
+
+def test_a_daemon_that_dies_meanwhile_ends_the_campaign_within_seconds(cell):
+    """It is not waited for until the hours are over."""
+    daemon, arm, client = cell
+    arm.goes_on.clear()
+
+    def dies() -> bool:
+        if arm.played:
+            daemon.bus.close()
+        return False
+
+    with pytest.raises(BusError):
+        campaign(client, Bounds(), by="ada", why="", should_stop=dies, now=arm.now)
+    arm.goes_on.set()
