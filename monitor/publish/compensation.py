@@ -14,6 +14,8 @@ from monitor.publish.torque import RANGES
 from monitor.recording import Array
 
 NODES_C = np.arange(0.0, 50.1, 5.0)  # of the table: the working range of the arms
+# replays at one temperature are sought again after so long: only temperatures that differ on both sides of a change tell it from a season
+SOUGHT_AGAIN_DAYS = 7.0
 
 
 def friction_terms(model: CompensatedModel, temperature_c: Array) -> dict[str, Array]:
@@ -40,15 +42,18 @@ def replays_at(belief: Belief) -> Array:
     return counted
 
 
-def missing_row(belief: Belief, temperature_c: Array) -> int | None:
-    """The index in NODES_C of the joints' middle temperature, of (J,) [°C], where half of them have no replay at their own; else None."""
+def missing_row(replayed_c: Sequence[Array], temperature_c: Array) -> int | None:
+    """The index in NODES_C of the joints' middle temperature, of (J,) [°C], where half of them have no replay at their own; else None.
+
+    replayed_c : of each joint the temperatures of the replays of the last SOUGHT_AGAIN_DAYS, J arrays [°C].
+    """
     if not np.all(np.isfinite(temperature_c)):
         return None
-    row = np.rint(temperature_c / NODES_C[1]).astype(int)
+    row = np.rint(temperature_c / NODES_C[1])
     inside = (row >= 0) & (row < len(NODES_C))
-    counted = replays_at(belief)[np.clip(row, 0, len(NODES_C) - 1), np.arange(belief.joints)]
-    missing = inside & (counted == 0)
-    return int(np.median(row[missing])) if 2 * missing.sum() >= belief.joints else None
+    known = [bool(np.any(np.rint(seen / NODES_C[1]) == here)) for seen, here in zip(replayed_c, row, strict=True)]
+    missing = inside & ~np.array(known)
+    return int(np.median(row[missing])) if 2 * missing.sum() >= len(row) else None
 
 
 def compensation(model: CompensatedModel, belief: Belief) -> Compensation:

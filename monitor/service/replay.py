@@ -15,10 +15,10 @@ from monitor.config.schema import Configuration
 from monitor.errors import AT_HOST, MonitorError, MotionRefused, ReplayAborted, RobotUnreachable, StoreError
 from monitor.judge.alerts.states import stale_joints
 from monitor.model.fourier import Excitation
-from monitor.publish.compensation import missing_row
+from monitor.publish.compensation import SOUGHT_AGAIN_DAYS, missing_row
 from monitor.publish.timestamps import rfc3339
 from monitor.reason import INTERNAL, Reason, Sentence
-from monitor.recording import Context, Recording
+from monitor.recording import DAY_S, Context, Recording
 from monitor.service.computing import ComputingFailed
 from monitor.service.history.assess_and_store import (
     HistoryEntry,
@@ -197,9 +197,16 @@ class Monitor:
         return needed(self.configuration.schedule, self._store, estimator.belief, self._state.health)
 
     def missing_row(self, temperature_c: Sequence[float]) -> int | None:
-        """The row of the document `compensation` that has no replay of half of the joints, at these (J,) temperatures [°C]; else None."""
-        belief = self._state.estimator.belief
-        return None if belief is None else missing_row(belief, np.array(temperature_c))
+        """The row of the document `compensation` of these (J,) temperatures [°C], where half of the joints had no replay there of late.
+
+        None where they had, and before the first replay. Raises StoreError.
+        """
+        if self._state.estimator.belief is None:
+            return None
+        since, history = self._now() - SOUGHT_AGAIN_DAYS * DAY_S, self._store.assessments.history
+        of_joints = (history(joint=joint, from_unix_s=since)[0] for joint in range(1, len(temperature_c) + 1))
+        replayed_c = [np.array([row.get("temperature_c") for row in rows], dtype=float) for rows in of_joints]
+        return missing_row(replayed_c, np.array(temperature_c))
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""

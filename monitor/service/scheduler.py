@@ -71,7 +71,7 @@ class Performer(Lender, Protocol):
         """From when the next replay is needed, and why."""
 
     def missing_row(self, temperature_c: Sequence[float]) -> int | None:
-        """Of which row of the document `compensation` these (J,) temperatures [°C] are, where it lacks replays; else None."""
+        """Of which row of the document `compensation` these (J,) temperatures [°C] are, where it lacks replays of late; else None."""
 
     def next_due(self, unix_s: float | None) -> None:
         """Publish when the next window opens."""

@@ -80,12 +80,13 @@ def test_every_replay_counts_at_one_temperature_and_those_without_any_are_extrap
         assert rows[0].viscous_std_nm_s_per_rad > 1.5 * rows[6].viscous_std_nm_s_per_rad
 
 
-def test_a_temperature_is_missing_where_half_of_the_joints_have_no_replay_there(learnt):
+def test_a_temperature_is_missing_where_half_of_the_joints_have_no_replay_there():
     """12 and 45 °C are, 30 °C is not; joints that are unheard, and temperatures beyond the working range, ask for nothing."""
-    belief = learnt[1]
-    assert [missing_row(belief, np.full(6, T)) for T in (12.0, 30.0, 45.0, 60.0, -10.0, np.nan)] == [2, None, 9, None, None, None]
-    assert missing_row(belief, np.array([12.0, 12.0, 30.0, 30.0, 30.0, 30.0])) is None
-    assert missing_row(belief, np.array([12.0, 12.0, 12.0, 30.0, 30.0, 30.0])) == 2
+    replayed_c = [np.array([21.0, 31.0, np.nan])] * 6
+    assert [missing_row(replayed_c, np.full(6, T)) for T in (12.0, 30.0, 45.0, 60.0, -10.0, np.nan)] == [2, None, 9, None, None, None]
+    assert missing_row(replayed_c, np.array([12.0, 12.0, 30.0, 30.0, 30.0, 30.0])) is None
+    assert missing_row(replayed_c, np.array([12.0, 12.0, 12.0, 30.0, 30.0, 30.0])) == 2
+    assert missing_row([np.empty(0)] * 6, np.full(6, 30.0)) == 6
 
 
 def test_the_model_that_travels_gives_the_terms_of_the_one_that_was_learnt(learnt):

@@ -43,7 +43,7 @@ class ScheduleSettings:
     learning_every_h: Annotated[float, Interval(ge=0.0, le=168.0)] = 0.0  # [h] between windows in that phase; 0: as at any time
     evidence_windows: tuple[str, ...] = ()  # "22:00-05:00": when a replay may be pulled forward; empty: never
     evidence_pause_h: Annotated[float, Interval(ge=1.0, le=720.0)] = 24.0  # [h] at most one replay is pulled forward in this time
-    seek_temperatures: bool = False  # in evidence_windows, a window of its own at each temperature that friction is not known at
+    seek_temperatures: bool = False  # in evidence_windows, a window of its own at each temperature without a replay for a week
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the setting, its value and what would be right."""
@@ -177,7 +177,7 @@ PULLED_FORWARD = frozenset({EVIDENCE, MISSING})  # they are needed whatever else
 
 
 class Sought(NamedTuple):
-    """The joints are at a temperature that friction is not known at."""
+    """The joints are at a temperature at which no replay was made of late."""
 
     at_unix_s: float  # since when, or since the last look
     row: int  # of the temperatures that are told apart, from 0
