@@ -106,7 +106,7 @@ def deploy_files(
     force: ForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write units of systemd, and examples for Zenoh, Prometheus and Grafana into a folder. Nothing is installed."""
+    """Write units of systemd, examples for Zenoh, Prometheus and Grafana, and these pages into a folder. Nothing is installed."""
     from monitor.config.deploy import write_deploy_files
 
     written = write_deploy_files(folder, force=force)

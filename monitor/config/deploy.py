@@ -1,5 +1,6 @@
-"""What is shipped beside the program: units, users, and examples for Zenoh, Prometheus and Grafana, written to a folder. I/O."""
+"""What is shipped beside the program: units, users, examples for Zenoh, Prometheus and Grafana, and the pages, written to a folder. I/O."""
 
+import os
 import sys
 from importlib.resources import files
 from pathlib import Path
@@ -7,16 +8,24 @@ from pathlib import Path
 from monitor.errors import BadInput, StoreError
 
 INSTALLED = "/opt/joint-monitor/bin/joint-monitor"  # in the units as shipped: where `make install` puts the program
+PAGES = ("*.md", "*.png", "*.svg")  # of `docs/`
 SHIPPED = ("*.service", "*.sysusers", "*.tmpfiles", "zenoh/*", "prometheus/*", "grafana/**/*")  # of `deploy/`; the rest builds packages
 
 
 def shipped_files() -> dict[Path, Path]:
     """The path of each file below a folder of the user's → where it is, in the checkout or in the installed package."""
+    deploy, docs = (_folder(name) for name in ("deploy", "docs"))
+    found = {path.relative_to(deploy): path for pattern in SHIPPED for path in sorted(deploy.glob(pattern)) if path.is_file()}
+    return found | {Path("docs") / path.name: path for pattern in PAGES for path in sorted(docs.glob(pattern))}
+
+
+def _folder(name: str) -> Path:
+    """A folder of the checkout, which an installed package has with a `_`. Raises BadInput."""
     package = Path(str(files("monitor")))
-    folder = next((each for each in (package / "_deploy", package.parent / "deploy") if each.is_dir()), None)
+    folder = next((each for each in (package / f"_{name}", package.parent / name) if each.is_dir()), None)
     if folder is None:
-        raise BadInput("deploy-files: this installation has no files of deployment; install joint-monitor anew")
-    return {path.relative_to(folder): path for pattern in SHIPPED for path in sorted(folder.glob(pattern)) if path.is_file()}
+        raise BadInput(f"deploy-files: this installation has no folder {name}; install joint-monitor anew")
+    return folder
 
 
 def write_deploy_files(folder: Path, *, force: bool) -> list[Path]:
@@ -32,8 +41,10 @@ def write_deploy_files(folder: Path, *, force: bool) -> list[Path]:
     try:
         for name, path in found.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            text = path.read_text("utf-8")
-            (folder / name).write_text(text.replace(INSTALLED, str(program)), "utf-8")
+            content = path.read_bytes()
+            if path.suffix == ".service":
+                content = content.replace(INSTALLED.encode(), os.fsencode(program))
+            (folder / name).write_bytes(content)
     except OSError as wrong:
         raise StoreError(f"{folder}: cannot be written: {wrong.strerror}") from None
     return [folder / name for name in found]

@@ -54,7 +54,8 @@ def configuration_text(answers: Answers) -> str:
     _comment(
         document,
         f"The monitor of one arm, written by `joint-monitor init` {answers.written}. Change it as you like: what it leaves out has the "
-        "default that docs/configuration.md gives, and `joint-monitor check` says what is wrong.",
+        "default that docs/configuration.md gives, and `joint-monitor check` says what is wrong. Where you have no docs, "
+        "`joint-monitor deploy-files DIR` writes them.",
     )
     document.add(tomlkit.nl())
     document.add("robot", _robot(answers))

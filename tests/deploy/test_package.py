@@ -84,7 +84,8 @@ def test_a_container_is_built_from_what_a_service_needs():
 
 
 def test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wrote_them(tmp_path):
-    """`deploy-files` writes every file of `deploy/` that a machine needs, as it is but for the program's place; again only with --force."""
+    """`deploy-files` writes every file of `deploy/` that a machine needs, as it is but for the program's place, and the pages that a
+    configuration of `init` names; again only with --force."""
     assert ended("deploy-files", tmp_path / "a").returncode == 0
     written = {path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file()}
     packaging = {
@@ -92,6 +93,11 @@ def test_the_files_of_deployment_are_written_whole_and_start_the_program_that_wr
         *(Path(f"try-{what}") for what in ("wheel", "deb", "commands")),
         *(path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy/deb").iterdir()),
     }
+    pages = {Path("docs") / path.name for path in (ROOT / "docs").iterdir() if path.suffix in {".md", ".png", ".svg"}}
+    assert {Path("docs/configuration.md"), Path("docs/real-robot-safety.md"), Path("docs/plant.md")} <= pages <= written
+    for page in pages:
+        assert (tmp_path / "a" / page).read_bytes() == (ROOT / page).read_bytes()
+    written -= pages
     assert written == {path.relative_to(ROOT / "deploy") for path in (ROOT / "deploy").rglob("*") if path.is_file()} - packaging
     for name in written:
         shipped = (ROOT / "deploy" / name).read_text("utf-8")
@@ -115,6 +121,7 @@ def test_the_wheel_carries_what_a_user_needs_and_its_version_is_the_programs(tmp
     assert {"monitor/py.typed", "monitor/_config/monitor.toml", "monitor/_deploy/joint-monitor@.service", "monitor/api.py"} <= names
     assert {f"monitor/_deploy/{path}" for path in ("zenoh/router.json5", "prometheus/scrape.yml")} <= names
     assert any(each.startswith("monitor/_deploy/grafana/dashboards/") for each in names)
+    assert {f"monitor/_docs/{path.name}" for path in (ROOT / "docs").glob("*.md")} <= names
     assert "version" not in tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 

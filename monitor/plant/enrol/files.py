@@ -34,6 +34,7 @@ from monitor.plant.enrol.authority import Authority, Issued, belongs, describe, 
 from monitor.plant.enrol.inventory import Arm, page_ports
 
 ETC = "/etc/joint-monitor"
+PAGES = "which `joint-monitor deploy-files DIR` writes."
 RENEW_DAYS = 60  # a certificate that ends within this time is replaced
 ROOT_FILES = ("authority/ca.pem", "authority/ca.key")
 
@@ -147,7 +148,9 @@ def _configurations(plant: Plant) -> dict[str, bytes]:
             loaded(document, Path(arm.name))
         except BadConfiguration as error:
             mistakes.append(str(error))
-        about = f"The monitor of one arm, written by `joint-monitor plant enrol`. Put it into {ETC}; docs/configuration.md has every key."
+        about = (
+            f"The monitor of one arm, written by `joint-monitor plant enrol`. Put it into {ETC}. Every key: docs/configuration.md, {PAGES}"
+        )
         made[name] = toml_text(document, about).encode()
     if mistakes:
         raise BadInput("\n  ".join(("the inventory makes no configuration of every arm; nothing was written", *mistakes)))
@@ -178,7 +181,7 @@ def _configuration(arm: Arm, router: str, page_port: int) -> dict[str, Any]:
 def _plant_configuration(plant: Plant) -> bytes:
     """The TOML file of `joint-monitor plant`, as its service reads it."""
     ways = [plant.core] if plant.core else list(plant.routers.values())
-    about = "The plant, written by `joint-monitor plant enrol`. Put it into /etc; docs/plant.md has every key."
+    about = f"The plant, written by `joint-monitor plant enrol`. Put it into /etc. Every key: docs/plant.md, {PAGES}"
     return toml_text({"plant": {"connect": ways, "zenoh": f"{ETC}/zenoh/plant.json5"}}, about).encode()
 
 
