@@ -87,6 +87,19 @@ def test_an_arm_and_its_joints_are_read(plant):
     assert joints[0]["newest"] is None
 
 
+def test_the_peers_of_a_joint_are_its_newest_figures_and_no_more_is_read(plant):
+    asked = []
+    sa.event.listen(sa.Engine, "before_cursor_execute", hear := lambda _c, _u, statement, *_: asked.append(statement))
+    try:
+        peers = read(plant, f"{SICK}/joints/3/peers")["peers"]
+    finally:
+        sa.event.remove(sa.Engine, "before_cursor_execute", hear)
+    assert [(each["robot"], each["this"], each["wear"]) for each in peers] == [("cell-2", True, 0.05)]
+    of_figures = [each for each in asked if "friction.wear" in each]
+    assert of_figures
+    assert not any("coulomb" in each for each in of_figures)
+
+
 def test_alerts_are_filtered_and_paged(plant):
     """Each page goes on behind the last row of the one before, also where that one has gone meanwhile."""
 

@@ -117,7 +117,7 @@ class Fleet:
         found = []
         with self._database.read() as connection:
             for each in arms:
-                figures = connection.execute(_newest(each, joint)).one_or_none()
+                figures = connection.execute(_newest(each, joint, "recorded_at", *PEER_FIGURES)).one_or_none()
                 if figures is not None:
                     values = {figure: getattr(figures, figure) for figure in PEER_FIGURES}
                     about = {"this": each.name == of.name, "recorded_at": rfc3339(figures.recorded_at)}
@@ -125,9 +125,10 @@ class Fleet:
         return {"model": of.model, "joint": joint, "peers": found}
 
 
-def _newest(of: HeardArm, joint: int) -> sa.Select[Any]:
-    """The newest row of a joint in an arm's present history."""
-    own = sa.select(friction).where(friction.c.arm == of.number, friction.c.history == of.histories, friction.c.joint == joint)
+def _newest(of: HeardArm, joint: int, *names: str) -> sa.Select[Any]:
+    """The newest row of a joint in an arm's present history: these columns, else all."""
+    columns = [friction.c[name] for name in names] or list(friction.c)
+    own = sa.select(*columns).where(friction.c.arm == of.number, friction.c.history == of.histories, friction.c.joint == joint)
     return own.order_by(friction.c.recorded_at.desc()).limit(1)
 
 
