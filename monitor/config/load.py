@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from monitor.store.disk import refuse_network
 Made = TypeVar("Made")
 
 ETC, STATE = Path("/etc/joint-monitor"), Path("/var/lib/joint-monitor")  # of the shipped unit: NAME.toml and the history of NAME
+HOST = re.compile(r"(?!.{254})[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")  # an address, or a name of the network
 
 
 def load(
@@ -137,8 +139,9 @@ def _from_document(document: dict[str, Any], path: Path, mistakes: list[Mistake]
         excitation = dataclasses.replace(excitation, repetitions=repetitions, time_scale=time_scale)
     if sections["store"] and ("\0" in sections["store"].directory or not sections["store"].directory.strip()):
         mistakes.append(of_key(("store", "directory"), f"{sections['store'].directory!r}: expected the path of a folder"))
-    elif sections["store"] and sections["store"].directory.startswith("~"):
-        reason = f"{sections['store'].directory!r}: ~ is no home here; expected the whole path, e.g. {str(STATE / path.stem)!r}"
+    elif sections["store"] and sections["store"].directory.startswith(("~", "$")):
+        given, whole = sections["store"].directory, str(STATE / path.stem)
+        reason = f"{given!r}: ~ and $ stand for nothing here; expected the whole path, e.g. {whole!r}"
         mistakes.append(of_key(("store", "directory"), reason))
     if sections["inspection"]:
         _check_inspection(sections["inspection"], mistakes)
@@ -160,6 +163,8 @@ def _check_robot(robot: RobotSettings, mistakes: list[Mistake]) -> None:
 
     _checked(mistakes, ("robot", "model"), lambda: load_robot(robot.model))
     _checked(mistakes, ("robot", "mounting"), lambda: Mounting.parse(robot.mounting))
+    if not HOST.fullmatch(robot.host):
+        wrong("host", f"{robot.host!r}: expected the controller's address alone, e.g. '192.168.0.10'")
     _checked(mistakes, ("robot",), lambda: prefix(robot.site, robot.id))
     if robot.gains_nm_per_a and (len(robot.gains_nm_per_a) != 6 or min(robot.gains_nm_per_a) <= 0):
         wrong("gains_nm_per_a", "expected one positive figure for each of 6 joints")

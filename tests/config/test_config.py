@@ -105,6 +105,16 @@ def test_only_the_boolean_true_lets_an_arm_move(word: object):
     assert "allow_motion" in refusal(replay={"allow_motion": word})
 
 
+@pytest.mark.parametrize("host", ["", "http://192.168.0.10", "192.168.0.10:30004", "arm 1", "zelle-ü", "a" * 64, "a..b"])
+def test_what_is_no_address_of_a_controller_is_refused_before_anybody_calls_it(host: str):
+    assert f"robot.host: {host!r}: expected the controller's address alone" in refusal(robot={**LEAST["robot"], "host": host})
+
+
+@pytest.mark.parametrize("folder", ["~/history", "$HOME/history"])
+def test_a_folder_that_only_a_shell_would_understand_is_refused(folder: str):
+    assert f"store.directory: {folder!r}: ~ and $ stand for nothing here" in refusal(store={"directory": folder})
+
+
 def test_a_misspelt_model_or_mounting_is_one_mistake(tmp_path: Path):
     """The trajectory that would have been taken by its name is not missed as well."""
     for robot, key in (('model = "ur5x"', "robot.model"), ('model = "ur5"\nmounting = "sideways"', "robot.mounting")):
