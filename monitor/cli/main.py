@@ -4,6 +4,7 @@ A topic is a module with a table COMMANDS, and perhaps one of GROUPS. A further 
 inside of their functions, so that `--help` is quick.
 """
 
+import errno
 import os
 import shlex
 import sys
@@ -33,7 +34,7 @@ from monitor.cli import (
 )
 from monitor.cli.options import LAWS
 from monitor.config.extras import absent
-from monitor.errors import BadInput, MonitorError
+from monitor.errors import BadInput, MonitorError, StoreError
 
 # typer brings its own click, or uses the one that is installed: of either, what both kinds of mistakes are
 UsageError = cast("type[Exception]", typer.BadParameter.__base__)
@@ -175,3 +176,13 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of standard output has ended, as in `joint-monitor watch | head`
         sys.exit(0)
+    except OSError as error:
+        if error.filename is not None or error.errno not in {errno.ENOSPC, errno.EDQUOT, errno.EIO}:
+            raise
+        try:
+            os.write(sys.stdout.fileno(), b"\n")
+        except OSError:  # it is standard output whose disk is full; what is left for it would be refused at the end once more
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            typer.echo(f"joint-monitor: standard output cannot be written: {error.strerror}", err=True)
+            sys.exit(StoreError.exit_code)
+        raise

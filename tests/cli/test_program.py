@@ -37,6 +37,15 @@ def test_help_names_every_command_and_imports_nothing_heavy():
     assert loaded.strip() == "[]"
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("arguments", [("models",), ("schema", "health"), ("--help",)])
+def test_a_disk_that_is_full_below_standard_output_is_one_sentence(arguments):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "monitor", *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.stderr == "joint-monitor: standard output cannot be written: No space left on device\n"
+    assert done.returncode == 1
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command: str):
     """Each command has a help page."""
