@@ -92,6 +92,8 @@ def identify(
     motions = motions_of(recordings, robot, options.signals)
     torques = [joint_torque(moved, robot, gains) for moved in motions]
     found = identify_motions(motions, torques, robot, mounting, options)
+    ripple = combined([gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz) for moved in motions])
+    gain = robot.drive_gain_nm_per_a if gains is None else gains
     of_signals = [warning for moved in motions for value in (moved.repaired, moved) for warning in warnings_of(value)]
     return replace(
         found,
@@ -99,7 +101,7 @@ def identify(
         warming_k_per_min=warming(recordings),
         temperature_constant=constant(recordings),
         current_noise_a=current_noise([moved.unfiltered for moved in motions]),
-        ripple=combined([gear_ripple(moved.unfiltered, robot.gear_ratio, moved.rate_hz) for moved in motions]),
+        ripple=None if ripple is None else ripple._replace(gain_nm_per_a=gain),
     )
 
 

@@ -19,7 +19,7 @@ _ARRAYS = (
 )  # fmt: skip
 _FIGURES = ("condition_number", "normalised_error_nm")  # of them: one number each
 _RESIDUAL = ("rigid", "friction", "load_nm", "rms_nm")
-_RIPPLE = ("cycles_per_turn", "amplitude_a", "std_a", "highest_rad_s")
+_RIPPLE = ("cycles_per_turn", "amplitude_a", "std_a", "highest_rad_s", "gain_nm_per_a")
 
 
 def parts_of(found: Identification, flat: list[Array]) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def from_parts(document: dict[str, Any], numbers: Array) -> Identification:
         residual = ResidualFrictionFit(friction_law(document["residual_law"]), *(arrays[f"residual.{name}"] for name in _RESIDUAL))
     if document["ripple_why"] is not None:
         why = tuple(tuple(row) for row in document["ripple_why"])
-        parts = {name: arrays[f"ripple.{name}"] for name in _RIPPLE}
+        parts = {name: arrays.get(f"ripple.{name}") for name in _RIPPLE}
         ripple = Ripple(why=why, **parts)
     found: dict[str, Any] = {name: arrays.get(name) for name in _ARRAYS}
     found |= {name: float(found[name]) for name in _FIGURES}

@@ -290,7 +290,7 @@ class ProductionEvidence(Document):
 
 
 class Ripple(Document):
-    """Gear ripple of one joint's current, a figure for each number of cycles a turn: evidence that raises no alert."""
+    """Gear ripple of one joint's current, a figure for each number of cycles a turn."""
 
     cycles_per_turn: list[int] = Field(description="of the joint: once, twice and four times a turn of its motor")
     amplitude_a: list[Maybe] = Field(description="of the last replay, from its unfiltered current; null: not seen")
@@ -321,7 +321,7 @@ class Health(Worded):
     stale_why: str | None = Field(default=None, description="of which joints nothing was learnt, and for how long")
     nothing_learnt: str | None = Field(default=None, description="for how long no replay was learnt from, and why, where that is too long")
     production: list[ProductionEvidence] = Field(default_factory=list, description="joints that normal work has told enough of")
-    ripple: list[JointRipple] = Field(default_factory=list, description="gear ripple of each joint: evidence, and no alert")
+    ripple: list[JointRipple] = Field(default_factory=list, description="gear ripple of each joint")
 
 
 class RemainingLife(Document):

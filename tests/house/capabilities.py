@@ -458,6 +458,11 @@ ALERTS: dict[str, tuple[str, ...]] = {  # each condition (`judge.alerts`)
         "judge/test_beside.py::test_a_noisier_current_is_told_as_noise_and_not_as_wear",
         "identify/test_ripple.py::test_the_noise_of_a_joints_current_is_measured_whatever_the_motion_and_spikes",
     ),
+    "gear_ripple": (
+        "judge/test_beside.py::test_ripple_that_grows_is_told_of_its_joint_and_no_wear",
+        "judge/test_beside.py::test_ripple_of_sound_gears_that_is_often_zero_is_quiet",
+        "evidence/test_faults.py::test_an_encoder_off_its_centre_is_told_by_ripple_and_by_nothing_else",
+    ),
     "data_quality": (
         "judge/test_learn.py::test_a_single_outlier_teaches_little_and_is_reported",
         "judge/test_alert_evidence.py::test_a_replay_without_data_of_the_joint_does_not_clear_its_acknowledged_alert",

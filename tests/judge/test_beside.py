@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import Arm, History, weather
 
+from monitor.identify.signals.ripple import Ripple
 from monitor.identify.validate import residual_peak
 from monitor.judge.alerts.conditions import WEAR_RISING
 from monitor.judge.alerts.evidence import SPEEDS_RAD_S, JointRiseBeside, joint_rise_beside, rise_beside, weigh_evidence
@@ -16,7 +17,7 @@ from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.friction import step as friction
 from monitor.judge.friction.beside import model_beside, observations_beside
-from monitor.judge.friction.observation import NOT_MEASURED, Observation
+from monitor.judge.friction.observation import NOT_MEASURED, Observation, observe
 from monitor.judge.friction.step import FrictionState
 from monitor.judge.friction.stored import state_of, text_of
 from monitor.judge.settings import AssessSettings
@@ -266,6 +267,57 @@ def test_a_noisier_current_is_told_as_noise_and_not_as_wear(factor):
     assert (kinds[0], kinds[-1], set(kinds[1:-1])) in (("raised", "cleared", set()), ("raised", "cleared", {"updated"}))
     assert len(kinds) <= 12  # the ratio is said anew where it was too low at first, and not from replay to replay
     assert abs(history.last.friction[WORN].wear) < 0.03
+
+
+def rippled(days: int, *, grown_a: float) -> Iterator[History]:
+    """An arm whose gears ripple by nothing to 5 mA; that of joint 3 has this amplitude from ONSET on, friction unchanged."""
+    arm, history, rng, cycles = Arm(seed=3, autocorrelation=0.5), History(), np.random.default_rng(4), np.full((J, 3), 101.0)
+    for day in range(days):
+        amplitude = np.maximum(0.005 * rng.normal(size=(J, 3)), 0.0)
+        if day >= ONSET:
+            amplitude[WORN, 0] = grown_a * (1.0 + 0.1 * rng.normal())
+        why: tuple[tuple[str | None, ...], ...] = ((None,) * 3,) * J
+        ripple = Ripple(cycles, amplitude, np.full((J, 3), 0.008), why, cycles, np.full(J, 12.0))
+        history.add(float(day), replace(arm.replay(weather(day, rng)), ripple=ripple))
+        yield history
+
+
+@pytest.mark.slow
+def test_ripple_that_grows_is_told_of_its_joint_and_no_wear():
+    """From nothing to a tenth of friction: one advisory, with its size and how often it comes a turn; no other condition."""
+    *_, history = rippled(ONSET + 30, grown_a=0.1)
+    assert {(joint, condition) for _, _, joint, condition, _ in history.transitions} == {(WORN + 1, "gear_ripple")}
+    [alert] = history.health.active_alerts
+    assert alert.tier == "advisory"
+    says, friction_nm = alert.text.parameters, Arm(seed=3).replay(30.0).friction_at(SETTINGS.drift.reference_speed_rad_s)[0][WORN]
+    assert says["cycles"] == 1
+    assert float(says["before"]) < 0.01
+    assert float(says["now"]) == pytest.approx(0.1 * 12.0 / friction_nm, rel=0.2)
+    assert "encoder" in alert.action.text
+
+
+def test_ripple_of_sound_gears_that_is_often_zero_is_quiet():
+    """Readings of exactly zero in a row are no scatter of zero: those that follow are of the same gear."""
+    rng, N, found = np.random.default_rng(6), 2 * J, []
+    model, state = model_beside("ripple-1"), None
+    for day in range(200):
+        amplitude = np.where(rng.random(N) < 0.6, 0.0, 0.01 * np.abs(rng.normal(size=N))) if day > 40 else np.zeros(N)  # of friction
+        one = np.ones(N)
+        seen = Observation(np.log(amplitude + 0.05), np.full(N, 0.04), np.full(N, 30.0), one, 0.0 * one, one, one)
+        state = state or friction.initial_state(seen, J, model)
+        state = friction.step(state, seen, np.full(2, float(day > 0)), model, in_place=True)
+        found.append(state.risen.any())
+    assert not any(found)
+
+
+def test_ripple_of_a_drive_whose_gain_nobody_knows_is_no_series():
+    """Amperes are no share of friction: nothing is judged, and everything else is."""
+    arm, cycles = Arm(seed=3), np.full((J, 3), 101.0)
+    ripple = Ripple(cycles, 0.01 * np.ones((J, 3)), 0.008 * np.ones((J, 3)), ((None,) * 3,) * J, cycles)
+    for gain, known in ((None, False), (np.full(J, 12.0), True)):
+        seen = observe(replace(arm.replay(30.0), ripple=ripple._replace(gain_nm_per_a=gain)), SETTINGS.drift)
+        assert ("ripple-1" in observations_beside(seen)) == known
+        assert "contrast" in observations_beside(seen)
 
 
 def test_noise_of_all_joints_names_none():

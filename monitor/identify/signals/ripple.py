@@ -54,6 +54,7 @@ class Ripple(NamedTuple):
     std_a: Array  # (J, H) [A]
     why: tuple[tuple[str | None, ...], ...]  # J × H: SLOW or FAST where it is not known
     highest_rad_s: Array  # (J, H) up to which speed the sample rate shows it
+    gain_nm_per_a: Array | None = None  # (J,) which makes torque of it; None: nobody knows
 
 
 def current_noise(recorded: Sequence[Unfiltered | None]) -> Array | None:

@@ -24,7 +24,7 @@ from monitor.judge.alerts.condition import (
     repeated,
     two_replays,
 )
-from monitor.judge.alerts.evidence import joint_rise_beside, noisier, shift_beside
+from monitor.judge.alerts.evidence import joint_rise_beside, noisier, ripple_rise, shift_beside
 from monitor.judge.alerts.health import CHECK_FUNCTION, FAILURE, MAINTENANCE_REQUIRED, NORMAL, OFF_SPEC, TIERS, Confirmations
 from monitor.judge.belief import Belief
 from monitor.judge.drift.step import UNRESOLVED
@@ -142,6 +142,7 @@ SERVICE_CONDITIONS = (
 WEAR_RISING, SUDDEN_STEP = "wear_rising", "sudden_step"
 FALLING = "friction_falling"
 CURRENT_NOISE = "current_noise"
+GEAR_RIPPLE = "gear_ripple"
 RISES = (WEAR_RISING, SUDDEN_STEP)  # of one joint's friction: at most one of them is active
 SCATTER_RATIO = 2.5  # of replays to the scatter that the filter expects: beyond it a joint's data are unreliable
 RATIO_RESTATED = 0.22  # [log] by which the noise of a current has changed when its alert says so
@@ -385,6 +386,17 @@ def _noisier(situation: JointSituation) -> bool | None:
     return bool(noisier(situation.belief.drift_state)[situation.j]) if situation.heard else None
 
 
+def _rippling(situation: JointSituation) -> bool | None:
+    """The ripple of the joint's gear has risen; None where nothing was learnt of it."""
+    return bool(ripple_rise(situation.belief.drift_state).found[situation.j]) if situation.heard else None
+
+
+def _ripple_text(situation: JointSituation, confirmations: Confirmations) -> Reason:
+    rise, j = ripple_rise(situation.belief.drift_state), situation.j
+    shares = {"before": float(rise.before[j]), "now": float(rise.now[j])}
+    return RIPPLES(joint=j + 1, cycles=int(rise.cycles[j]), replays=confirmations.replays, **shares)
+
+
 def _noise_text(situation: JointSituation, confirmations: Confirmations) -> Reason:
     return NOISIER(joint=situation.j + 1, ratio=_noise_ratio(situation), replays=confirmations.replays)
 
@@ -436,6 +448,11 @@ NOISIER = Sentence(
     "The current of {joint:joint} is {ratio:.1f} times as noisy as before, in {replays} replays in a row. Noise alone is no wear.",
 )
 REPEATED_NOISE = repeated(_noisier, _noise_text)
+RIPPLES = Sentence(
+    "gear_ripples",
+    "The current of {joint:joint} ripples with its motor, {cycles} × a turn: {now:.0%} of friction, {before:.0%} before, "
+    "in {replays} replays in a row.",
+)
 NOT_RESOLVED = Sentence(
     "not_resolved", "{joint:joint} is not resolved, or scatters more than the filter believes, in {replays} replays in a row."
 )
@@ -603,6 +620,18 @@ CONDITIONS: dict[str, AlertCondition] = {
                     CHECK_FUNCTION,
                     "Look at the cable, the connectors, the encoder and the drive of this joint: nothing says that it is worn.",
                     "the current of a joint is twice as noisy as before or more, beyond the other joints, in three replays in a row",
+                )
+            },
+        ),
+        AlertCondition(
+            name=GEAR_RIPPLE,
+            headlines=Headlines(joint="The current of {joint:name} ripples more with each turn of its motor."),
+            joint=repeated(_rippling, _ripple_text),
+            tiers={
+                "advisory": AlertTier(
+                    CHECK_FUNCTION,
+                    "Listen to this joint, and look at its gear and the encoder of its motor: friction alone does not show them.",
+                    "gear ripple plus a twentieth of friction rose by a half or more, beyond the other joints, in three replays in a row",
                 )
             },
         ),

@@ -15,9 +15,9 @@ import scipy
 
 from monitor.identify.settings import PLACE_RAD
 from monitor.judge.drift.step import DriftState
-from monitor.judge.friction.beside import model_beside
+from monitor.judge.friction.beside import RIPPLE, model_beside
 from monitor.judge.friction.figures import fallen, found_wear, level_in_force, wear_above
-from monitor.judge.friction.observation import FAST_RAD_S, SLOW_RAD_S
+from monitor.judge.friction.observation import FAST_RAD_S, RIPPLE_FLOOR, SLOW_RAD_S
 from monitor.judge.friction.posterior import over_kinds
 from monitor.judge.friction.states import WEAR
 from monitor.judge.friction.step import FrictionState
@@ -169,6 +169,30 @@ def shift_beside(state: DriftState, name: str) -> tuple[Array, Array]:
 def noisier(state: DriftState) -> np.ndarray:
     """(N,) whether a joint's current is noisier than it was, and the others' are not as much."""
     return risen_beside(state, "noise")
+
+
+class RippleRise(NamedTuple):
+    """The gear ripple that rose most in each joint, (N,) each, by how often it comes in a turn of the motor."""
+
+    found: np.ndarray
+    cycles: np.ndarray  # in a turn of the motor
+    before: Array  # amplitude over friction
+    now: Array
+
+
+def ripple_rise(state: DriftState) -> RippleRise:
+    """What the ripple of each joint's gear has risen by, and that of the others has not as much."""
+    found, before, shift = (
+        np.stack([each(name) for name in RIPPLE])
+        for each in (
+            lambda name: risen_beside(state, name),
+            lambda name: _level(state.beside.get(name), state.joints),
+            lambda name: shift_beside(state, name)[0],
+        )
+    )
+    at = np.argmax(np.where(found, shift, NOTHING), axis=0)[None]
+    level, rise = (np.take_along_axis(each, at, axis=0)[0] for each in (before, shift))
+    return RippleRise(found.any(axis=0), 1 + at[0], *(np.maximum(np.exp(each) - RIPPLE_FLOOR, 0.0) for each in (level, level + rise)))
 
 
 def _maybe_noisier(state: DriftState) -> np.ndarray:

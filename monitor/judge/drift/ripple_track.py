@@ -1,4 +1,5 @@
-"""The slow track of gear ripple: a random walk per joint and order, in the context in force. It is evidence; no alert reads it.
+"""The slow track of gear ripple: a random walk per joint and order, in the context in force. It is for a person; what
+is told of ripple is judged by the model beside friction.
 
 A worn or cracked gear, or a bent wave generator, changes what repeats with each turn of the motor before it changes mean friction. Another
 trajectory, payload or temperature changes it too, so the track begins anew with another context, and says how it began.

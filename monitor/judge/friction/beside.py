@@ -1,7 +1,8 @@
 """Series beside friction at the reference speed, each judged by the same model with other priors: wear that F(v*) does not show.
 
 `contrast` is log fc − log fv; `slow` and `fast` are log friction at other speeds over F(v*), by a law richer than fc + fv·v; `residual` is
-what the fit leaves unexplained, and `noise` that of the current's readings. Each is a logarithm, as friction is. None of them has a law of
+what the fit leaves unexplained, and `noise` that of the current's readings; `ripple-1` and `ripple-2` are the gear's ripple
+once and twice a turn of the motor over F(v*), with a floor. Each is a logarithm, as friction is. None of them has a law of
 temperature, only a slope that nobody knows; and there are fewer kinds of noise: a change of these series is told when it is large.
 """
 
@@ -23,9 +24,16 @@ KINDS = (
     *(Kind(rho, weight=weight, alone=alone) for rho, weight, alone in ((0.9, 0.15, 1.0), (0.97, 0.1, 0.3), (0.99, 0.1, 0.3))),
     *(Kind(rho, 2.0, weight=0.05, alone=0.1) for rho in (0.0, 0.45)),  # wandering
 )
+RIPPLE = ("ripple-1", "ripple-2")
+RIPPLE_LEAST = float(np.log(1.5))  # load, speed and grease move the ripple of a sound gear by less
 # [log] smaller changes are within the error of the fit and of the laws that it assumes; noise that grew by less is nothing to look at
-LEAST: Mapping[str, float] = {"contrast": 0.2, "slow": 0.06, "fast": 0.06, "residual": 0.2, "noise": float(np.log(2.0))}
-NOISE_STD: Mapping[str, float] = {"contrast": 0.1, "slow": 0.02, "fast": 0.02, "residual": 0.1, "noise": 0.1}  # [log] prior
+LEAST: Mapping[str, float] = {
+    "contrast": 0.2, "slow": 0.06, "fast": 0.06, "residual": 0.2, "noise": float(np.log(2.0)),
+    "ripple-1": RIPPLE_LEAST, "ripple-2": RIPPLE_LEAST,
+}  # fmt: skip
+NOISE_STD: Mapping[str, float] = {  # [log] prior
+    "contrast": 0.1, "slow": 0.02, "fast": 0.02, "residual": 0.1, "noise": 0.1, "ripple-1": 0.1, "ripple-2": 0.1,
+}  # fmt: skip
 
 
 @cache
@@ -34,7 +42,8 @@ def model_beside(series: str) -> FrictionModel:
     least = LEAST[series]
     states = Priors(slope_per_k=(0.0, 0.005, 0.0), curve_per_k2=(0.0, 5e-5), settling=(0.0, least))
     changes = ChangePriors(steps_std=(2.0 * least, 5.0 * least), rates_std=(5.0 * least / 365.0, 50.0 * least / 365.0))
-    decision = DecisionSettings(false_alarms_per_year=0.05, least=least)
+    # both orders of the ripple are one question, and share what it may cost
+    decision = DecisionSettings(false_alarms_per_year=0.05 / (len(RIPPLE) if series in RIPPLE else 1), least=least)
     noise = NoisePriors(kinds=KINDS, std=NOISE_STD[series])
     return FrictionModel(states=states, noise=noise, changes=changes, decision=decision, keeps_course=False, by_filterpy=False)
 
@@ -56,6 +65,7 @@ def values_beside(seen: Observation) -> dict[str, Array]:
         "fast": optional(seen.log_torque_fast) - seen.log_torque,
         "residual": log(optional(seen.residual_rms_nm)),
         "noise": log(optional(seen.current_noise_a)),
+        **{name: (seen.ripple[:, order] if seen.ripple.ndim > 1 else np.full(N, np.nan)) for order, name in enumerate(RIPPLE)},
     }
 
 
@@ -63,10 +73,12 @@ def observations_beside(seen: Observation) -> dict[str, Observation]:
     """The replay as the model sees each series that somebody measured."""
     N = len(seen.log_torque)
     one, nothing = np.ones(N), np.zeros(N)
+    # a replay that does not resolve the ripple says less, and zeros in a row are no scatter of zero
+    variance = {} if seen.ripple_variance.ndim < 2 else dict(zip(RIPPLE, np.nan_to_num(seen.ripple_variance).T, strict=True))
     return {
         name: Observation(
             log_torque=np.where(np.isfinite(seen.log_torque), values, np.nan),
-            variance=nothing,
+            variance=variance.get(name, nothing),
             temperature_c=seen.temperature_c,
             viscous_share=one,
             warming_k_per_min=seen.warming_k_per_min,

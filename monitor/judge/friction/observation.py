@@ -15,6 +15,7 @@ VISCOUS_SHARE = 0.4  # assumed where a joint is not resolved
 VISCOUS_SHARES = (0.05, 0.95)  # the fit's share is clipped to these: every joint has friction of both kinds
 SLOW_RAD_S = 0.1  # below it friction is stiction, see `STANDSTILL_SPEED_RAD_S`
 FAST_RAD_S = 1.0  # most trajectories reach it with most joints
+RIPPLE_FLOOR = 0.05  # of friction: one replay resolves 1 to 3 %, and ripple of real arms repeats to a tenth of itself
 NOT_MEASURED: Array = np.empty(0)  # an optional field that nobody measured; so is one of NaN
 
 
@@ -35,6 +36,8 @@ class Observation(NamedTuple):
     temperature_constant: Array = (
         NOT_MEASURED  # 1 where every reading of the temperature was one and the same number, else 0; NaN where unknown
     )
+    ripple: Array = NOT_MEASURED  # (N, 2) log(amplitude of the gear's ripple over F + `RIPPLE_FLOOR`), once and twice a turn of the motor …
+    ripple_variance: Array = NOT_MEASURED  # … and its variance within the replay; NaN where the motion or the rate hides it
 
 
 def observe(identification: "Identification", settings: DriftSettings) -> Observation:
@@ -50,6 +53,7 @@ def observe(identification: "Identification", settings: DriftSettings) -> Observ
     # one replay at 1000 °C would bend a joint's temperature law permanently
     possible = (measured >= POSSIBLE_C[0]) & (measured <= POSSIBLE_C[1])
     share = np.where(resolved, identification.viscous_nm_s_per_rad * v / F, VISCOUS_SHARE)
+    ripple, ripple_variance = _ripple(identification, np.where(resolved, torque, np.nan))
     slow, fast = (_log_torque_beside_line(identification, speed) for speed in (SLOW_RAD_S, FAST_RAD_S))
     return Observation(
         log_torque=np.where(resolved, np.log(F), np.nan),
@@ -64,7 +68,24 @@ def observe(identification: "Identification", settings: DriftSettings) -> Observ
         log_torque_fast=np.where(resolved, fast, np.nan),
         current_noise_a=unknown if identification.current_noise_a is None else identification.current_noise_a,
         temperature_constant=unknown if identification.temperature_constant is None else identification.temperature_constant,
+        ripple=ripple,
+        ripple_variance=ripple_variance,
     )
+
+
+def _ripple(identification: "Identification", torque_nm: Array) -> tuple[Array, Array]:
+    """(J, 2) the logarithm of the ripple once and twice a turn of the motor, and its variance; NaN where it is not known.
+
+    Large ripple differs from replay to replay by a share of itself, small ripple by what one replay resolves, and is often exactly zero:
+    log(share + floor) makes one scatter of both.
+    """
+    found = identification.ripple
+    if found is None or found.gain_nm_per_a is None:
+        nothing = np.full((len(torque_nm), 2), np.nan)
+        return nothing, nothing
+    per_friction = (found.gain_nm_per_a / torque_nm)[:, None]
+    share, std = (each[:, :2] * per_friction for each in (found.amplitude_a, found.std_a))
+    return np.log(share + RIPPLE_FLOOR), (std / (share + RIPPLE_FLOOR)) ** 2
 
 
 def _log_torque_beside_line(identification: "Identification", speed_rad_s: float) -> Array:

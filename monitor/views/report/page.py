@@ -177,9 +177,7 @@ def _ripple(joints: Sequence[Mapping[str, Any]], say: Language) -> list[str]:
     if not parts:
         return []
     text = say.say(
-        "Gear ripple of the current in mA, at cycles a turn of the joint; in brackets the first replays: {joints}. It is evidence, and "
-        "raises no alert.",
-        joints="; ".join(parts),
+        "Gear ripple of the current in mA, at cycles a turn of the joint; in brackets the first replays: {joints}.", joints="; ".join(parts)
     )
     return [text]
 
