@@ -59,7 +59,7 @@ def from_parts(document: dict[str, Any], numbers: Array) -> Identification:
         residual = ResidualFrictionFit(friction_law(document["residual_law"]), *(arrays[f"residual.{name}"] for name in _RESIDUAL))
     if document["ripple_why"] is not None:
         why = tuple(tuple(row) for row in document["ripple_why"])
-        parts = {name: arrays.get(f"ripple.{name}") for name in _RIPPLE}
+        parts = {name: arrays[f"ripple.{name}"] for name in _RIPPLE if f"ripple.{name}" in arrays}
         ripple = Ripple(why=why, **parts)
     found: dict[str, Any] = {name: arrays.get(name) for name in _ARRAYS}
     found |= {name: float(found[name]) for name in _FIGURES}

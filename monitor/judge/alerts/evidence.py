@@ -192,7 +192,7 @@ def ripple_rise(state: DriftState) -> RippleRise:
     )
     at = np.argmax(np.where(found, shift, NOTHING), axis=0)[None]
     level, rise = (np.take_along_axis(each, at, axis=0)[0] for each in (before, shift))
-    return RippleRise(found.any(axis=0), 1 + at[0], *(np.maximum(np.exp(each) - RIPPLE_FLOOR, 0.0) for each in (level, level + rise)))
+    return RippleRise(found.max(axis=0), 1 + at[0], *(np.maximum(np.exp(each) - RIPPLE_FLOOR, 0.0) for each in (level, level + rise)))
 
 
 def _maybe_noisier(state: DriftState) -> np.ndarray:
