@@ -180,7 +180,8 @@ def campaign(
     if not by.strip():
         raise BadInput("--by is empty: it is kept in the log, and somebody will ask")
     configuration = load_configuration(config)
-    bounds = Bounds(most=most, hours=hours, steady_k=configuration.schedule.warm_k_per_10_min)
+    schedule = configuration.schedule
+    bounds = Bounds(most=most, hours=hours, steady_k=schedule.warm_k_per_10_min, longest_s=schedule.grace_s + 900.0)
     if plot is not None:
         from monitor.views.plots.picture import check_target
 

@@ -22,6 +22,9 @@ ENOUGH = Sentence("campaign_enough", "{replays} replays were made; --most allows
 TIME_OVER = Sentence("campaign_time_over", "{hours:g} h are over; --hours allows no more")
 STOPPED = Sentence("campaign_stopped", "stopped on request: no further replay is asked for; one that is under way ends by itself")
 UNMOVED = Sentence("campaign_unmoved", "no temperature of any joint changed at all in {replays} replays: their sensors are stuck")
+NOT_ENDED = Sentence(
+    "campaign_not_ended", "no end of the replay was told for {minutes:.0f} min; `joint-monitor status` says what the daemon lacks"
+)
 NOT_LEARNT = Sentence("campaign_not_learnt", "replay {replay} was {verdict}: {why}")
 
 
@@ -32,6 +35,7 @@ class Bounds:
     most: int = 60  # replays
     hours: float = 2.0
     steady_k: float = 0.5  # as `[schedule] warm_k_per_10_min`
+    longest_s: float = 1500.0  # of one replay: its window, and a quarter of an hour for motion and verdict
 
     def __post_init__(self) -> None:
         """Raises BadInput naming the option, its value and what would be right."""
@@ -84,7 +88,7 @@ def campaign(
             return ended(reason)
         if len(made) >= bounds.most:
             return ended(ENOUGH(replays=len(made)))
-        before = _newest(client)
+        before, asked = _newest(client), now()
         try:
             client.request_replay(by=by, why=why)
         except BadInput as error:
@@ -92,6 +96,8 @@ def campaign(
         while (found := _newest(client)) is None or found == before:
             if (reason := over()) is not None:
                 return ended(reason)
+            if now() - asked >= bounds.longest_s:
+                return ended(NOT_ENDED(minutes=bounds.longest_s / 60.0))
             sleep(ASK_EVERY_S)
         if found.verdict != "assessed":
             return ended(NOT_LEARNT(replay=found.replay or 0, verdict=found.verdict or "ended", why=found.reason or "no reason given"))

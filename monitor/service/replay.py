@@ -171,8 +171,7 @@ class Monitor:
             waiting = self._store.ledger.repair(self._now())
             for row in self._store.ledger.rows(states=("aborted",), limit=len(before) + 1) if before else ():
                 if row.id in before:
-                    fields = {"replay": row.id, "verdict": "aborted"}
-                    log.warning("replay=%d verdict=aborted reason=%r", row.id, row.reason_text, extra=fields)
+                    self._ended(row.id)  # it was announced, and people nearby, the cell and campaigns wait for its end
             self._assess_waiting(waiting[:at_most])
 
     def roll_back(self) -> bool:

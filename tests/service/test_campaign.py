@@ -1,5 +1,6 @@
 """A warm-up campaign against the real daemon on the bus: it asks, is refused as anybody is, ends when warm, and is bounded."""
 
+import itertools
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -136,6 +137,25 @@ def test_temperatures_that_never_change_are_no_steady_ones(cell):
     ended = campaign(client, Bounds(), by="ada", why="", now=arm.now)
     assert not ended.steady
     assert str(ended.why) == "no temperature of any joint changed at all in 3 replays: their sensors are stuck"
+
+
+def test_a_replay_whose_end_is_never_told_is_not_waited_for_until_the_hours_are_over(cell):
+    """As where the daemon's disk is full: it cannot enter the end."""
+    _, arm, client = cell
+    arm.goes_on.clear()
+    clock = itertools.count(START_UNIX_S, 100.0)
+    ended = campaign(client, Bounds(longest_s=1000.0), by="ada", why="", now=lambda: next(clock), sleep=lambda _: None)
+    assert (ended.why.code, ended.made) == ("campaign_not_ended", ())
+    arm.goes_on.set()
+
+
+def test_the_end_of_a_replay_that_the_disk_refused_is_told_once_it_is_entered(cell):
+    """Else it would stay announced on the bus until the next one."""
+    daemon, _, client = cell
+    number = daemon.state.store.ledger.claim(START_UNIX_S, "requested", START_UNIX_S)
+    daemon.monitor.recover()
+    [told] = client.get("replay")
+    assert (told.document["state"], told.document["replay"], told.document["verdict"]) == ("ended", number, "aborted")
 
 
 def test_a_daemon_that_dies_meanwhile_ends_the_campaign_within_seconds(cell):
