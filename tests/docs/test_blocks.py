@@ -307,8 +307,8 @@ def test_the_figures_of_the_formulas_are_those_of_the_code():
     assert len(figures) > 25
     assert [each for each in figures if not re.search(rf"(?<![\d.]){re.escape(each)}(?:\.0)?(?![\d.])", code)] == []
     kinds = NoisePriors().kinds
-    plain = [kind for kind in kinds if kind.kappa == 0.0][:8]
-    (row,) = re.findall(r"^ 8  ρ = (.*?)  +prior weights (.*)$", text, re.MULTILINE)
+    plain = [kind for kind in kinds if kind.kappa == 0.0][:9]
+    (row,) = re.findall(r"^ 9  ρ = (.*?)  +prior weights (.*)$", text, re.MULTILINE)
     assert [[float(each) for each in part.split(", ")] for part in row] == [[k.rho for k in plain], [k.weight for k in plain]]
 
 
