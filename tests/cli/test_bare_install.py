@@ -100,14 +100,14 @@ def place(replayed, tmp_path_factory):
     return folder
 
 
-def ended(folder: Path, *arguments: str, asked: str = "") -> "subprocess.CompletedProcess[str]":
-    """What a command of a bare installation says; one that goes on, or takes long, is asked to end after `SECONDS`."""
+def ended(folder: Path, *arguments: str, asked: str = "", within_s: float = 200.0) -> "subprocess.CompletedProcess[str]":
+    """What a command of a bare installation says; one that goes on is asked to end after `within_s`."""
     command = [sys.executable, bare.__file__, *arguments]
     with subprocess.Popen(
         command, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         try:
-            output, errors = process.communicate(asked, timeout=200.0 if asked else SECONDS)
+            output, errors = process.communicate(asked, timeout=within_s)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGTERM)
             output, errors = process.communicate(timeout=60.0)
@@ -123,7 +123,7 @@ def test_the_table_names_every_command():
 @pytest.mark.timeout(300)
 def test_no_command_of_a_bare_installation_ends_in_a_traceback(place):
     """It does its work, or says in a sentence what is wrong; a package is named by `query` and `reassess` alone, with what installs it."""
-    served = {command: ended(place, *command.split(), *LINES[command]) for command in UNTIL_ENDED}
+    served = {command: ended(place, *command.split(), *LINES[command], within_s=SECONDS) for command in UNTIL_ENDED}
     lines = {command: [*command.split(), *LINES[command]] for command in LINES if command not in UNTIL_ENDED}
     answers = ended(place, "--lines", asked=json.dumps(list(lines.values())))
     assert answers.returncode == 0, answers.stderr
