@@ -152,7 +152,6 @@ def joint_friction(
     fc_std = np.maximum(np.sqrt(identification.friction_cov[:, 0, 0]), coulomb.scatter)
     fv_std = np.maximum(np.sqrt(identification.friction_cov[:, 1, 1]), viscous.scatter)
     means, covs = belief.wear_and_rate()
-    wear_prior = None if settings.drift.prior is None else settings.drift.prior.wear
     wear, wear_std = belief.change_with_unfound(model)
     unseen = belief.unseen_step(model)
     ripples = joint_ripple(belief.ripple)
@@ -160,7 +159,7 @@ def joint_friction(
     for j in range(belief.joints):
         mean, cov = means[j], covs[j]
         factor = math.exp(wear[j])
-        life = remaining_life_of_joint(belief.friction, j, model, settings.prognosis, wear_prior)
+        life = remaining_life_of_joint(belief.friction, j, model, settings.prognosis, settings.drift.wear_prior)
         # the model's rate is that of a straight line; an accelerating joint is faster by now
         rate, rate_std = float(mean[1]), math.sqrt(max(cov[1, 1], 0.0))
         if life.rate_per_day is not None and life.rate_std_per_day is not None:

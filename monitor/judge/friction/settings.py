@@ -6,7 +6,7 @@ from typing import Annotated
 from annotated_types import Interval
 
 from monitor.judge.bounds import NO_KEY, check_bounds
-from monitor.judge.friction.prior import FleetPrior
+from monitor.judge.friction.prior import FleetPrior, WearPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +24,11 @@ class DriftSettings:
 
     # of a fleet of this model, from the file that the key names; None: that of the robot family
     prior: FleetPrior | None = field(default=None, metadata=NO_KEY)
+
+    @property
+    def wear_prior(self) -> WearPrior | None:
+        """What the fleet says of joints that wear."""
+        return None if self.prior is None else self.prior.wear
 
     def __post_init__(self) -> None:
         """Raises BadConfiguration naming the field that is out of its bounds."""

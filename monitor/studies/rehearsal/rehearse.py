@@ -321,7 +321,7 @@ def answers_of(
             asked[arm, k] = True
             left = (1.0 - lived[arm]) * rise / rate[arm] * MEAN_DUTY * REVOLUTIONS_PER_DUTY_DAY
             n = arm * state.joints_per_arm + int(joint[arm])
-            predicted = remaining_life_of_joint(state.friction, n + arm, assess.friction, assess.prognosis)
+            predicted = remaining_life_of_joint(state.friction, n + arm, assess.friction, assess.prognosis, assess.drift.wear_prior)
             answers.append(LifeAnswer(path, asked_at[k], predicted, float(left / state.usage.per_day[n]), arm))
 
     days = int(ONSET_DAY + asked_at[-1] * rise / rate.min()) + 30  # an arm may have worked less than the mean

@@ -35,7 +35,8 @@ class Lives:
             self._open[arm, k] = False
             joint = arm * (fleet.joints + 1) + int(np.argmax(fleet.worn[arm]))
             left = fleet.onset_day[arm] + fleet.unit_days[arm] - judged.day
-            predicted = remaining_life_of_joint(judged.result.state.friction, joint, assess.friction, assess.prognosis)
+            friction = judged.result.state.friction
+            predicted = remaining_life_of_joint(friction, joint, assess.friction, assess.prognosis, assess.drift.wear_prior)
             self.answers.append(LifeAnswer(int(fleet.group[arm]), ASKED_AT[k], predicted, float(left)))
 
 
