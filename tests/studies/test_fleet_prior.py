@@ -280,7 +280,7 @@ def found_early(assess, *, arms, seed, step=0.0, per_year=0.0, steeper=1.0, **se
     [("as assumed", {}, 1.0), ("quiet", {"between_std": 0.01, "autocorrelation": 0.2}, 1.0), ("steep", {"between_std": 0.03}, 2.0)],
 )
 def test_what_a_prior_is_worth_in_the_first_months(soak_row, name, settings, steeper):
-    """400 arms that the prior was not learnt from: a prior delays nothing, and causes no more alerts that mean nothing than chance does."""
+    """400 arms that the prior was not learnt from: a prior delays nothing, and adds no alerts that mean nothing, beyond chance."""
     document = learnt(120, 300, seed=71, steeper=steeper, **settings)
     for step, per_year in ((0.05, 0.0), (0.0, 0.3)):
         days, alerts = zip(
@@ -293,5 +293,5 @@ def test_what_a_prior_is_worth_in_the_first_months(soak_row, name, settings, ste
         quarters = [np.nanquantile(each, [0.25, 0.5, 0.75], method="higher") for each in days]
         text = " / ".join(f"{each[0]:.0f} {each[1]:.0f} {each[2]:.0f} d" for each in quarters)
         soak_row(f"{name}, {'5 % step' if step else '30 % a year'}: without / with prior", f"{text}, {alerts[0]} / {alerts[1]}", "no later")
-        assert quarters[1][0] <= quarters[0][0] + 1.0
+        assert quarters[1][0] <= 1.1 * quarters[0][0] + 1.0  # in quiet arms it changes nothing, but for chance
         assert alerts[1] <= alerts[0] + 3.0 * np.sqrt(alerts[0] + 3.0)
