@@ -32,7 +32,7 @@ from monitor.simulate.stepped import stepped_replay
 ROOMS_C = (12.0, 16.0, 20.0, 24.0, 28.0, 32.0)
 SEVERITIES = (0.3, 1.0)
 SOUND_KINEMATIC = 0.1
-ARMS, ONSET_DAY, DAYS = 40, 50, 120
+ARMS, ONSET_DAY, DAYS = 20, 50, 120
 BETWEEN_STD, RHO = 0.02, 0.5  # of friction, from day to day
 SCATTER = {"current_noise_a": 0.02, "residual_rms_nm": 0.02, "log_torque_slow": 0.003, "log_torque_fast": 0.003}  # of the other series
 CONTRAST_STD = 0.02

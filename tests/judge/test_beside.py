@@ -17,7 +17,7 @@ from monitor.judge.alerts.life_cycle import acknowledge
 from monitor.judge.drift.step import DriftState, Replay, initial_state, step
 from monitor.judge.friction import step as friction
 from monitor.judge.friction.beside import model_beside, observations_beside
-from monitor.judge.friction.observation import NOT_MEASURED, Observation, observe
+from monitor.judge.friction.observation import NOT_MEASURED, RIPPLE_FLOOR, Observation, observe
 from monitor.judge.friction.step import FrictionState
 from monitor.judge.friction.stored import state_of, text_of
 from monitor.judge.settings import AssessSettings
@@ -303,7 +303,7 @@ def test_ripple_of_sound_gears_that_is_often_zero_is_quiet():
     for day in range(200):
         amplitude = np.where(rng.random(N) < 0.6, 0.0, 0.01 * np.abs(rng.normal(size=N))) if day > 40 else np.zeros(N)  # of friction
         one = np.ones(N)
-        seen = Observation(np.log(amplitude + 0.05), np.full(N, 0.04), np.full(N, 30.0), one, 0.0 * one, one, one)
+        seen = Observation(np.log(amplitude + RIPPLE_FLOOR), np.full(N, 0.1), np.full(N, 30.0), one, 0.0 * one, one, one)
         state = state or friction.initial_state(seen, J, model)
         state = friction.step(state, seen, np.full(2, float(day > 0)), model, in_place=True)
         found.append(state.risen.any())

@@ -631,7 +631,7 @@ CONDITIONS: dict[str, AlertCondition] = {
                 "advisory": AlertTier(
                     CHECK_FUNCTION,
                     "Listen to this joint, and look at its gear and the encoder of its motor: friction alone does not show them.",
-                    "gear ripple plus a twentieth of friction rose by a half or more, beyond the other joints, in three replays in a row",
+                    "gear ripple plus 3 % of friction doubled or more, beyond the other joints, in three replays in a row",
                 )
             },
         ),

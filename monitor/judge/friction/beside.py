@@ -25,7 +25,7 @@ KINDS = (
     *(Kind(rho, 2.0, weight=0.05, alone=0.1) for rho in (0.0, 0.45)),  # wandering
 )
 RIPPLE = ("ripple-1", "ripple-2")
-RIPPLE_LEAST = float(np.log(1.5))  # load, speed and grease move the ripple of a sound gear by less
+RIPPLE_LEAST = float(np.log(2.0))  # load, season and grease move the ripple of a sound gear by less
 # [log] smaller changes are within the error of the fit and of the laws that it assumes; noise that grew by less is nothing to look at
 LEAST: Mapping[str, float] = {
     "contrast": 0.2, "slow": 0.06, "fast": 0.06, "residual": 0.2, "noise": float(np.log(2.0)),

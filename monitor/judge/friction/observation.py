@@ -15,7 +15,7 @@ VISCOUS_SHARE = 0.4  # assumed where a joint is not resolved
 VISCOUS_SHARES = (0.05, 0.95)  # the fit's share is clipped to these: every joint has friction of both kinds
 SLOW_RAD_S = 0.1  # below it friction is stiction, see `STANDSTILL_SPEED_RAD_S`
 FAST_RAD_S = 1.0  # most trajectories reach it with most joints
-RIPPLE_FLOOR = 0.05  # of friction: one replay resolves 1 to 3 %, and ripple of real arms repeats to a tenth of itself
+RIPPLE_FLOOR = 0.03  # of friction: one replay resolves 1 to 3 %, and ripple of real arms repeats to a tenth of itself
 NOT_MEASURED: Array = np.empty(0)  # an optional field that nobody measured; so is one of NaN
 
 
