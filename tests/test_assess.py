@@ -104,7 +104,7 @@ def test_remaining_life_is_near_the_truth_for_a_constant_rate():
         [arm.replay(weather(day, rng), on_joint_3(0.001 * day)) for day in range(days)] for arm, rng in zip(sources, weathers, strict=True)
     ]
     state = lived_together(lives)[-1]
-    told = [remaining_life_of_joint(state, 6 * k + 2, settings.drift, settings.prognosis) for k in range(arms)]
+    told = [remaining_life_of_joint(state.friction, 7 * k + 2, settings.friction, settings.prognosis) for k in range(arms)]
     first = lived(days, seed=0, noise=0.01, wear=lambda day: on_joint_3(0.001 * day)).last.friction
     life = first[2].remaining_life
     assert (life.p10_days, life.p50_days, life.p90_days) == pytest.approx((told[0].p10_days, told[0].p50_days, told[0].p90_days), rel=1e-3)
@@ -230,13 +230,13 @@ def test_a_recording_without_motion_is_rejected_with_its_reason():
 
 @pytest.fixture(scope="module")
 def simulated() -> list[Assessment]:
-    """A simulated UR5, its own friction law, warm and cool days: 7 replays as new, then 5 with joint 3 worn by 25 %."""
+    """A simulated UR5, its own friction law, warm and cool days: 14 replays as new, then 7 with joint 3 worn by 25 %."""
     controller = Controller(SimulateSettings(seed=11))
     excitation = replace(excitation_from_document(json.loads((ROOT / "config/excitation/ur5-ground.json").read_text())), repetitions=1)
     verdicts: list[Assessment] = []
-    for day in range(12):
+    for day in range(21):
         controller.pass_time(23.5, 20.0 + 6.0 * (day % 3), 0.3)
-        if day == 7:
+        if day == 14:
             controller.arm.set_wear(2, coulomb=1.25, viscous=1.25)
         recording = stepped_replay(controller, excitation)
         recording = replace(recording, context=replace(recording.context, recorded_at_unix_s=START_S + day * 86_400.0))
@@ -259,12 +259,12 @@ def test_the_whole_flow_detects_the_worn_joint_of_a_simulated_arm(simulated):
     raised = {(alert.joint, alert.tier) for verdict in simulated for _, alert in verdict.transitions if alert.tier != "advisory"}
     assert raised == {(3, "wear")}
     assert simulated[-1].friction[2].wear == pytest.approx(0.25, abs=0.05)
-    assert not any(verdict.transitions for verdict in simulated[:8])
+    assert not any(verdict.transitions for verdict in simulated[:14])
 
 
 @pytest.mark.soak
 def test_the_simulated_arm_shows_friction_falling_with_temperature(simulated):
-    """Every joint's β is positive after 12 days over 12 K, as in the paper, and the range is that of the simulated temperatures."""
+    """Every joint's β is positive after 21 days over 12 K, as in the paper, and the range is that of the simulated temperatures."""
     last = simulated[-1]
     assert all(entry.friction_slope_per_k > 0 for entry in last.temperature)
     assert all(entry.range_c[1] - entry.range_c[0] > 8 for entry in last.temperature)
