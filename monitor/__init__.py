@@ -33,4 +33,4 @@ One alphabet of shapes holds everywhere: N samples, J joints (numbered from 1 wh
 B base parameters. Units are part of the names: `_nm`, `_rad_s`, `_c`, `_unix_s`. Frames follow the standard Denavit–Hartenberg convention.
 """
 
-__version__ = "0.2.0"
+__version__ = "1.0.0"
