@@ -60,7 +60,7 @@ def test_a_belief_without_a_key_is_refused():
 
 def test_a_belief_of_another_schema_is_refused_with_what_to_do():
     """It cannot be carried over; the message says how the history is kept."""
-    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 6\. .*joint-monitor assess"):
+    with pytest.raises(BadInput, match=r"schema_version is 1; this release reads 7\. .*joint-monitor assess"):
         belief_from_document({**fresh().as_document(), "schema_version": 1})
 
 
