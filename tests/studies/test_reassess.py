@@ -15,6 +15,7 @@ from command_line import ended, printed
 from once import once
 from simulated import copy, plant_file
 
+from monitor import __version__
 from monitor.config.files import find_excitation
 from monitor.config.load import from_document
 from monitor.errors import BadConfiguration, BadInput, StoreError
@@ -391,7 +392,7 @@ def test_a_cluster_that_does_not_fit_is_refused_in_a_sentence(lived: Path, sched
     assert "expected one of them" in refused(scheduler, "--workers", "2")
     with monkeypatch.context() as patch:
         patch.setattr("monitor.studies.reassess.cluster.program", lambda _: {"joint_monitor": "0.1.0"})
-        assert "runs another program: joint_monitor: 0.2.0, now 0.1.0 here" in refused(scheduler)
+        assert f"runs another program: joint_monitor: {__version__}, now 0.1.0 here" in refused(scheduler)
     with monkeypatch.context() as patch:
         patch.setattr("monitor.studies.reassess.cluster.probe_found", lambda *_: False)
         assert "does not reach --results" in refused(scheduler)
