@@ -182,17 +182,13 @@ class RippleRise(NamedTuple):
 
 def ripple_rise(state: DriftState) -> RippleRise:
     """What the ripple of each joint's gear has risen by, and that of the others has not as much."""
-    found, before, shift = (
-        np.stack([each(name) for name in RIPPLE])
-        for each in (
-            lambda name: risen_beside(state, name),
-            lambda name: _level(state.beside.get(name), state.joints),
-            lambda name: shift_beside(state, name)[0],
-        )
-    )
-    at = np.argmax(np.where(found, shift, NOTHING), axis=0)[None]
-    level, rise = (np.take_along_axis(each, at, axis=0)[0] for each in (before, shift))
-    return RippleRise(found.max(axis=0), 1 + at[0], *(np.maximum(np.exp(each) - RIPPLE_FLOOR, 0.0) for each in (level, level + rise)))
+    found = np.stack([risen_beside(state, name) for name in RIPPLE])  # (2, N)
+    level = np.stack([_level(state.beside.get(name), state.joints) for name in RIPPLE])
+    shift = np.stack([shift_beside(state, name)[0] for name in RIPPLE])
+    order = np.argmax(np.where(found, shift, NOTHING), axis=0)
+    joints = np.arange(state.joints)
+    before, now = (np.maximum(np.exp(each[order, joints]) - RIPPLE_FLOOR, 0.0) for each in (level, level + shift))
+    return RippleRise(found.max(axis=0), 1 + order, before, now)
 
 
 def _maybe_noisier(state: DriftState) -> np.ndarray:

@@ -25,15 +25,16 @@ KINDS = (
     *(Kind(rho, 2.0, weight=0.05, alone=0.1) for rho in (0.0, 0.45)),  # wandering
 )
 RIPPLE = ("ripple-1", "ripple-2")
-RIPPLE_LEAST = float(np.log(2.0))  # load, season and grease move the ripple of a sound gear by less
-# [log] smaller changes are within the error of the fit and of the laws that it assumes; noise that grew by less is nothing to look at
+# [log] smaller changes are within the error of the fit and of the laws that it assumes; noise that grew by less is nothing to look at, and
+# load, season and grease move the ripple of a sound gear by less
 LEAST: Mapping[str, float] = {
-    "contrast": 0.2, "slow": 0.06, "fast": 0.06, "residual": 0.2, "noise": float(np.log(2.0)),
-    "ripple-1": RIPPLE_LEAST, "ripple-2": RIPPLE_LEAST,
-}  # fmt: skip
-NOISE_STD: Mapping[str, float] = {  # [log] prior
-    "contrast": 0.1, "slow": 0.02, "fast": 0.02, "residual": 0.1, "noise": 0.1, "ripple-1": 0.1, "ripple-2": 0.1,
-}  # fmt: skip
+    "contrast": 0.2,
+    "slow": 0.06,
+    "fast": 0.06,
+    "residual": 0.2,
+    **dict.fromkeys(("noise", *RIPPLE), np.log(2.0).item()),
+}
+NOISE_STD: Mapping[str, float] = dict.fromkeys(LEAST, 0.1) | {"slow": 0.02, "fast": 0.02}  # [log] prior
 
 
 @cache
