@@ -202,10 +202,10 @@ class Monitor:
         """
         if self._state.estimator.belief is None:
             return None
-        since, history = self._now() - SOUGHT_AGAIN_DAYS * DAY_S, self._store.assessments.history
-        of_joints = (history(joint=joint, from_unix_s=since)[0] for joint in range(1, len(temperature_c) + 1))
-        replayed_c = [np.array([row.get("temperature_c") for row in rows], dtype=float) for rows in of_joints]
-        return missing_row(replayed_c, np.array(temperature_c))
+        joints, since = range(1, len(temperature_c) + 1), self._now() - SOUGHT_AGAIN_DAYS * DAY_S
+        rows, _ = self._store.assessments.history(from_unix_s=since, limit=1000 * len(joints))
+        of_joints = [np.array([row.get("temperature_c") for row in rows if row["joint"] == joint], dtype=float) for joint in joints]
+        return missing_row(of_joints, np.array(temperature_c))
 
     def next_due(self, unix_s: float | None) -> None:
         """Note when the schedule will replay next, and publish it with `health`."""
