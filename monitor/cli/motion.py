@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from monitor.cli.maintenance import check_words
 from monitor.cli.options import (
     Commands,
     ConfigOption,
@@ -231,9 +232,7 @@ def allow(
     from monitor.store.store import Store, expect_history
 
     configuration = load_configuration(config)
-    for option, text in (("--by", by), ("--why", why)):
-        if not text.strip():
-            raise BadInput(f"{option} is empty: it is kept in the history, and somebody will ask")
+    check_words(by, why, None, undo=False)
     expect_history(configuration.state_directory)
     now_unix_s = present_unix_s(read_monitor_document(configuration.state_directory), time.time())  # a trial has its own time
     with Store.shared(configuration.state_directory) as store:
