@@ -196,6 +196,6 @@ def print_prior(document: dict[str, Any], output: Path | None) -> None:
 def _noise_line(std: float, weights: list[float]) -> str:
     """What a fleet says of noise between replays. weights : of the kinds of noise."""
     kinds = NoisePriors().kinds
-    rho = sum(weight * kind.rho for weight, kind in zip(weights, kinds, strict=True))
+    rho = sum(weight * kind.from_day_to_day for weight, kind in zip(weights, kinds, strict=True))
     slow = sum(weight for weight, kind in zip(weights, kinds, strict=True) if kind.lasts)
     return f"noise between replays ± {100 * std:.1f} %, correlation {rho:.2f} a day; {whole_percent(slow)} wander or swing with the year"
