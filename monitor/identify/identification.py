@@ -119,7 +119,7 @@ class Identification:
     def friction_at(self, speed_rad_s: float) -> tuple[Array, Array]:
         """Friction torque (J,) [N·m] by the law at a positive speed and the mean load, and its standard deviation (J,).
 
-        Friction at −v is the opposite. Raises BadInput where the speed is not positive.
+        Friction at −v is the opposite. Raises BadInput where the speed is negative or no number.
         """
         if not 0.0 <= speed_rad_s < np.inf:
             raise BadInput(f"friction at {speed_rad_s:g} rad/s was asked for; expected a positive speed")
